@@ -1,0 +1,98 @@
+"""Checks at the border: a message names the argument, the value, and what is valid.
+
+Under `jit`, `vmap` and `grad` values are not known while Python runs. There the same limits are applied inside the
+computation (`within`), and the solve returns the status INVALID_INPUT for the samples that break them.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+#: Valid closed ranges of the inputs that every scene has.
+RANGES = {
+    "beta": (0.0, 1.0, "–, the degree of activation"),
+    "T0": (0.0, float("inf"), "kPa, the beating tension"),
+    "a_over_D": (0.0, 0.25, "–, fibre radius over D = 4a + d; ¼ is where neighbouring cells touch"),
+    "stretch": (0.2, 5.0, "–, deformed over reference length"),
+}
+_OPEN = {"stretch"}  # ranges whose ends are excluded
+
+
+def is_traced(value: Any) -> bool:
+    """Whether the value, or a leaf of it, is only known inside a JAX transformation."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def concrete(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """A finite float64 NumPy array of the given shape (None: any length), or an error that names the argument."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} must be numbers of shape {_shape(shape)}; got {value!r}") from error
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name} must have shape {_shape(shape)}; got {array.shape}")
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"{name} must be finite; got {array[where]} at index {where}")
+    return array
+
+
+def scalar(name: str, value: ArrayLike, kind: str) -> Array:
+    """The value as a float64 scalar inside `RANGES[kind]`; traced values pass and are judged by `within`."""
+    low, high, unit = RANGES[kind]
+    if is_traced(value):
+        if jnp.ndim(value) != 0:
+            raise ValueError(f"{name} must be a scalar; got shape {jnp.shape(value)}. Use jax.vmap for many values.")
+        return jnp.asarray(value, dtype=float)
+    if np.ndim(value) != 0:
+        raise ValueError(f"{name} must be a scalar; got shape {np.shape(value)}. Use jax.vmap for many values.")
+    number = float(concrete(name, value, ()))
+    if not (low < number < high if kind in _OPEN else low <= number <= high):
+        brackets = "()" if kind in _OPEN else "[]"
+        raise ValueError(f"{name} = {number:g} is outside {brackets[0]}{low:g}, {high:g}{brackets[1]} ({unit})")
+    return jnp.asarray(number, dtype=float)
+
+
+def within(value: Array, kind: str) -> Array:
+    """The same limits as `scalar`, as a traced boolean."""
+    low, high, _ = RANGES[kind]
+    inside = (low < value) & (value < high) if kind in _OPEN else (low <= value) & (value <= high)
+    return inside & jnp.isfinite(value)
+
+
+def finite_tree(name: str, tree: Any) -> Any:
+    """A pytree of finite float64 arrays; the message names the leaf that is not."""
+
+    def check(path: Any, leaf: Any) -> Array:
+        if not is_traced(leaf):
+            full = name + jax.tree_util.keystr(path)
+            try:
+                array = np.asarray(leaf, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise TypeError(f"{full} must be a number or an array of numbers; got {leaf!r}") from error
+            if not np.isfinite(array).all():
+                raise ValueError(f"{full} must be finite; got {leaf}")
+        return jnp.asarray(leaf, dtype=float)
+
+    return jax.tree_util.tree_map_with_path(check, tree)
+
+
+def tree_is_finite(tree: Any) -> Array:
+    """Whether every number of a pytree is finite, as a traced boolean."""
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)] or [jnp.array(True)]))
+
+
+def choice(name: str, value: str, valid: list[str]) -> str:
+    """The value, if it is one of the valid names."""
+    if value not in valid:
+        raise ValueError(f"{name} = {value!r} is unknown; valid: {', '.join(map(repr, valid))}")
+    return value
+
+
+def _shape(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")" if shape else "() (a scalar)"

@@ -1,0 +1,61 @@
+"""The scalar energy densities, each written once [kPa = µJ/mm³ of the zero-stress state P].
+
+Stresses and tangents are nowhere written down: the element differentiates these functions, S = 2 ∂W/∂C and 4 ∂²W/∂C∂C.
+
+A **law** is any function `law(C, frame, beta, constants) -> W` of the right Cauchy–Green tensor C (3, 3), the fibre
+frame (3, 3; rows f, f⊥, n), the activation β ∈ [0, 1] and a pytree of constants. `lin_yin` is one. A law of one's own
+is one more such function, passed to a scene; it should be stress-free at C = I and β = 0 up to a pressure.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxmyo.constants import LinYin
+from jaxmyo.invariants import I1, I3, I4, I6, weave_h
+
+Law = Callable[[Array, Array, Array, Any], Array]
+
+
+def lin_yin_passive(C: Array, frame: Array, constants: LinYin) -> Array:
+    """Passive tissue: C1p (exp Q − 1), Q = C2p (I1−3)² + C3p (I1−3)(I4−1) + C4p (I4−1)² (Lin & Yin 1998) [kPa]."""
+    i1, i4 = I1(C) - 3.0, I4(C, frame) - 1.0
+    Q = constants.C2p * i1**2 + constants.C3p * i1 * i4 + constants.C4p * i4**2
+    return constants.C1p * jnp.expm1(Q)
+
+
+def lin_yin_active(C: Array, frame: Array, constants: LinYin) -> Array:
+    """Change of the fibres' elasticity in full activation (paper, Eq. (Wact)) [kPa].
+
+    C1a (I1−3)(I4−1) + C2a (I1−3)² + C3a (I4−1)² + C4a (I1−3).
+    """
+    i1, i4 = I1(C) - 3.0, I4(C, frame) - 1.0
+    return constants.C1a * i1 * i4 + constants.C2a * i1**2 + constants.C3a * i4**2 + constants.C4a * i1
+
+
+def lin_yin(C: Array, frame: Array, beta: Array, constants: LinYin) -> Array:
+    """The law of the paper, W* = W_pas + β W_act (Eq. (SEF*)) [kPa]."""
+    return lin_yin_passive(C, frame, constants) + beta * lin_yin_active(C, frame, constants)
+
+
+def beating(C: Array, frame: Array, tension: ArrayLike) -> Array:
+    """½ T ln I4: the potential of a Cauchy tension T f⊗f along the deformed fibre; T = β T0 [kPa]."""
+    return 0.5 * tension * jnp.log(I4(C, frame))
+
+
+def incompressibility(C: Array, p: Array) -> Array:
+    """−½ p (I3 − 1), with the pressure p [kPa] as the multiplier."""
+    return -0.5 * p * (I3(C) - 1.0)
+
+
+def weave(i4: Array, i6: Array, q: Array, a_over_D: ArrayLike) -> Array:
+    """−½ q h(I4, I6), with the multiplier q [kPa] of the weave; acts in the free contraction A only (Eq. (pa))."""
+    return -0.5 * q * weave_h(i4, i6, a_over_D)
+
+
+def frozen_tensions(C: Array, frame: Array, T_f: Array, T_cf: Array) -> Array:
+    """½ T_A^f ln I4 + ½ T_A^cf ln I6: the pseudo-active tensions [kPa] that state A leaves in state C (Eq. (CauchyC))."""
+    return 0.5 * T_f * jnp.log(I4(C, frame)) + 0.5 * T_cf * jnp.log(I6(C, frame))

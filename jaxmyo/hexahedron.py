@@ -1,0 +1,36 @@
+"""The trilinear hexahedron (Q1): shape functions on the reference cube [−1, 1]³, Gauss quadrature, the faces.
+
+Nodes are in VTK order: the lower face (ζ = −1) counter-clockwise, then the upper face.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Reference coordinates of the eight nodes (8, 3).
+NODES = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+)
+
+
+def gauss(order: int, dimension: int = 3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Tensor-product Gauss–Legendre points (n, dimension) and weights (n,) on [−1, 1]^dimension; n = order^dimension."""
+    x, w = np.polynomial.legendre.leggauss(order)
+    points = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    weights = np.prod(np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), axis=-1), axis=-1).reshape(-1)
+    return points, weights
+
+
+def shape(xi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shape functions at the points xi (n, d): values (n, 2^d), d = 3 for the hexahedron, 2 for its faces."""
+    nodes = NODES[: 2 ** xi.shape[1], : xi.shape[1]]
+    return np.prod(0.5 * (1 + nodes[None] * xi[:, None]), axis=-1)
+
+
+def shape_gradient(xi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of the shape functions by the reference coordinates at xi (n, d): (n, 2^d, d)."""
+    d = xi.shape[1]
+    nodes = NODES[: 2**d, :d]
+    factors = 0.5 * (1 + nodes[None] * xi[:, None])
+    return np.stack(
+        [0.5 * nodes[None, :, k] * np.prod(np.delete(factors, k, axis=-1), axis=-1) for k in range(d)], axis=-1
+    )

@@ -1,0 +1,99 @@
+"""Hexahedral meshes with named faces."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxmyo import checks
+from jaxmyo.hexahedron import NODES, gauss, shape_gradient
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes, hexahedra, and the named faces on which supports and loads act.
+
+    points: (n_nodes, 3) reference coordinates [mm]; cells: (n_elements, 8) node numbers in VTK order;
+    faces: name → (n_quads, 4) node numbers, counter-clockwise seen from outside.
+
+    Errors: a ValueError for wrong shapes, non-finite coordinates, node numbers out of range, nodes that no element
+    uses, and an element that is inverted or has no volume (det J ≤ 0 at a Gauss point or at a corner).
+    """
+
+    points: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    faces: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        points = checks.concrete("points", self.points, (None, 3))
+        cells = np.asarray(self.cells)
+        if cells.ndim != 2 or cells.shape[1] != 8 or cells.dtype.kind not in "iu":
+            raise ValueError(
+                f"cells must be integers of shape (n, 8), hexahedra in VTK order; got {cells.dtype} of {cells.shape}"
+            )
+        for name, nodes in {"cells": cells, **{f"faces[{k!r}]": np.asarray(v) for k, v in self.faces.items()}}.items():
+            if nodes.size and (nodes.min() < 0 or nodes.max() >= len(points)):
+                raise ValueError(f"{name} holds node numbers outside 0..{len(points) - 1}: {nodes.min()}..{nodes.max()}")
+        unused = np.setdiff1d(np.arange(len(points)), cells)
+        if unused.size:
+            raise ValueError(f"{unused.size} node(s) belong to no element, the first is node {unused[0]}; remove them")
+        where = np.concatenate([gauss(2)[0], NODES])
+        det = np.linalg.det(np.einsum("eai,gaj->egij", points[cells], shape_gradient(where)))
+        if (bad := det.min(axis=1) <= 1e-12 * np.abs(det).max(axis=1)).any():
+            e = int(np.argmax(bad))
+            raise ValueError(
+                f"element {e} is inverted or has no volume: det J = {det[e].min():.3g} (must be > 0; {int(bad.sum())} "
+                f"such element(s)). Check the node order (VTK: lower face counter-clockwise, then the upper face)."
+            )
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "cells", cells.astype(np.int64))
+        object.__setattr__(self, "faces", {k: np.asarray(v, dtype=np.int64) for k, v in self.faces.items()})
+
+    @property
+    def extent(self) -> NDArray[np.float64]:
+        """Edge lengths (3,) of the bounding box [mm]."""
+        return np.ptp(self.points, axis=0)
+
+    def face(self, name: str) -> NDArray[np.int64]:
+        """The quads (n, 4) of a named face."""
+        return self.faces[checks.choice("face", name, sorted(self.faces))]
+
+
+def box(lengths: tuple[float, float, float], elements: tuple[int, int, int]) -> Mesh:
+    """A box [0, Lx] × [0, Ly] × [0, Lz] mm of nx × ny × nz hexahedra; faces x0, x1, y0, y1, z0, z1."""
+    lengths_ = checks.concrete("lengths", lengths, (3,))
+    if (lengths_ <= 0).any():
+        raise ValueError(f"lengths = {lengths} must be positive (mm)")
+    if len(elements) != 3 or any(int(n) != n or n < 1 for n in elements):
+        raise ValueError(f"elements = {elements} must be three integers ≥ 1")
+    axes = [np.linspace(0.0, length, n + 1) for length, n in zip(lengths_, elements, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape([n + 1 for n in elements])
+    corner = [
+        number[tuple(slice(int(c > 0), n + int(c > 0)) for c, n in zip(node, elements, strict=True))] for node in NODES
+    ]
+    faces = {}
+    for axis, name in enumerate("xyz"):
+        for end in (0, 1):
+            grid = np.take(number, -end, axis=axis)
+            if axis == 1:  # keep (first, second, axis) right-handed
+                grid = grid.T
+            quads = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
+            faces[f"{name}{end}"] = quads if end else quads[:, ::-1]
+    return Mesh(points, np.stack(corner, axis=-1).reshape(-1, 8), faces)
+
+
+def jitter(mesh: Mesh, amplitude: float, seed: int) -> Mesh:
+    """The mesh with its inner nodes displaced at random, by at most `amplitude` of the local element size.
+
+    Nodes on named faces stay. For patch tests: a result that depends on it depends on the mesh.
+    """
+    rng = np.random.default_rng(seed)
+    outer = np.unique(np.concatenate([q.ravel() for q in mesh.faces.values()]))
+    size = np.full_like(mesh.points, np.inf)
+    for corners in mesh.cells:
+        np.minimum.at(size, corners, np.broadcast_to(np.ptp(mesh.points[corners], axis=0), (8, 3)))
+    shift = amplitude * size * rng.uniform(-1.0, 1.0, mesh.points.shape)
+    shift[outer] = 0.0
+    return Mesh(mesh.points + shift, mesh.cells, mesh.faces)

@@ -1,0 +1,67 @@
+"""What a solve says of itself: a status per solve (an integer under `vmap`), its meaning, and what to try."""
+
+from enum import IntEnum
+
+import numpy as np
+from jax.typing import ArrayLike
+
+
+class Status(IntEnum):
+    """The outcome of a solve."""
+
+    CONVERGED = 0
+    INVALID_INPUT = 1
+    NO_DESCENT = 2
+    TOO_MANY_ITERATIONS = 3
+    SINGULAR = 4
+    STEP_TOO_LARGE = 5
+    TOO_MANY_STEPS = 6
+
+
+_MEANING = {
+    Status.CONVERGED: "converged",
+    Status.INVALID_INPUT: (
+        "an input is outside its range or not finite; nothing was solved. Check beta in [0, 1], T0 >= 0 kPa, "
+        "a_over_D in [0, 1/4], stretches in (0.2, 5), and that constants and tractions are finite"
+    ),
+    Status.NO_DESCENT: (
+        "no step length reduced the residual, however small the load step: every trial inverted an element, overflowed "
+        "the energy, or led away from equilibrium. There is probably no equilibrium beyond this load (a limit point); "
+        "try a smaller load, or prescribe a displacement instead of a traction"
+    ),
+    Status.TOO_MANY_ITERATIONS: (
+        "Newton's iterations ran out at the smallest load step. The state is close to a limit point or a bifurcation; "
+        "try a smaller load, or prescribe a displacement instead of a traction"
+    ),
+    Status.SINGULAR: (
+        "the tangent is singular. A mode without stiffness is free, or constraints are redundant; check the supports, "
+        "and the law's stiffness at this state"
+    ),
+    Status.STEP_TOO_LARGE: (
+        "the smallest load step still moved the body by a large strain: the branch ends here and the nearest "
+        "equilibrium is far away (snap-through). Try a smaller load, or prescribe a displacement instead of a traction"
+    ),
+    Status.TOO_MANY_STEPS: (
+        "the path used up its steps; the load is far beyond what the steps could reach. Try a smaller load, or more "
+        "steps (settings.max_steps)"
+    ),
+}
+
+
+def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike) -> str:
+    """One sentence: what happened, how far the path came, the residual there, and what to try."""
+    s = Status(int(np.asarray(status)))
+    if s is Status.CONVERGED:
+        return f"converged (relative residual {float(np.asarray(residual)):.1e})"
+    return (
+        f"{s.name} at {100 * float(np.asarray(reached)):.4g} % of the load (the fields are those of the last converged "
+        f"step, relative residual {float(np.asarray(residual)):.1e}): {_MEANING[s]}."
+    )
+
+
+class SolveError(RuntimeError):
+    """A solve did not reach its load. `.state` holds the last converged step with its status."""
+
+    def __init__(self, message: str, state: object) -> None:
+        super().__init__(message)
+        self.state = state
