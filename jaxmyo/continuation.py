@@ -45,6 +45,8 @@ class Solution(NamedTuple):
 class _Path(NamedTuple):
     t: Array  # of the last converged state; −1 before the start is verified
     z: Array
+    r: Array
+    K: Array
     rate: Array  # dz/dt along the path
     dt: Array
     limit: Array  # the step that the strain bound allows
@@ -90,20 +92,24 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         inputs = between(start, end, t)
         guess = path.z + jnp.where(at_start, 0.0, t - path.t) * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
-        # A predictor that overflows or inverts an element is left for the last converged state.
         found = newton.solve(system, scale, guess, inputs, tolerance, settings)
         moved, _ = newton.strain_of(system, found.z - path.z)
         jumped = ~at_start & (moved > 3.0 * settings.move)
         good = (found.status == Status.CONVERGED) & ~jumped
         rate, speed = tangent_of_path(found.z, found.K, t)
-        easy = jnp.where(found.iteration <= 4, 3.0, jnp.where(found.iteration <= 7, 1.5, 0.7))
+        easy = jnp.where(found.iteration <= 4, 10.0, jnp.where(found.iteration <= 7, 2.0, 0.7))
         taken = jnp.where(at_start, 1.0, t - path.t)
+        # The strain bound may ask for steps below min_step (a tangent that starts singular); only a failure ends there.
+        longer = jnp.where(at_start, 1.0, jnp.maximum(easy * taken, settings.min_step))
+        shorter = jnp.where(at_start, 0.0, 0.25 * taken)
         usable = good & jnp.all(jnp.isfinite(rate))
         return _Path(
             t=jnp.where(good, t, path.t),
             z=jnp.where(good, found.z, path.z),
+            r=jnp.where(good, found.r, path.r),
+            K=jnp.where(good, found.K, path.K),
             rate=jnp.where(good, jnp.where(usable, rate, 0.0), path.rate),
-            dt=jnp.where(good, jnp.where(at_start, 1.0, easy * taken), jnp.where(at_start, 0.0, 0.25 * taken)),
+            dt=jnp.where(good, longer, shorter),
             limit=jnp.where(good, settings.move / jnp.maximum(jnp.where(usable, speed, 0.0), 1e-9), path.limit),
             reason=jnp.where(good, Status.TOO_MANY_STEPS, jnp.where(jumped, Status.STEP_TOO_LARGE, found.status)),
             residual=jnp.where(good, found.residual, path.residual),
@@ -117,6 +123,8 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
     first = _Path(
         t=jnp.array(-1.0),
         z=z,
+        r=jnp.zeros_like(z),
+        K=jnp.zeros((system.size, system.size)),
         rate=jnp.zeros_like(z),
         dt=jnp.array(1.0),
         limit=jnp.array(1.0),
@@ -129,17 +137,15 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
     )
     last = jax.lax.while_loop(keep_going, step, first)
     reached = jnp.maximum(last.t, 0.0)
-    inputs = between(start, end, reached)
-    r, K = lagrangian.residual_and_tangent(system, last.z, inputs)
-    negative, zeros = linear.inertia(system, scale, K, last.z)
+    negative, zeros = linear.inertia(system, scale, last.K, last.z)
     status = jnp.where(last.t >= 1.0, Status.CONVERGED, last.reason)
     return Solution(
         z=last.z,
-        inputs=inputs,
+        inputs=between(start, end, reached),
         reached=reached,
-        residual=newton.relative_residual(system, scale, last.z, r, K),
-        force_residual=jnp.max(jnp.abs(r[: system.n_u]), initial=0.0),
-        constraint_residual=linear.constraint_residual(system, scale, r),
+        residual=last.residual,
+        force_residual=jnp.max(jnp.abs(last.r[: system.n_u]), initial=0.0),
+        constraint_residual=linear.constraint_residual(system, scale, last.r),
         status=jnp.where(valid, status, Status.INVALID_INPUT),
         steps=last.steps,
         rejected=last.rejected,

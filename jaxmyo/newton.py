@@ -29,7 +29,7 @@ class Settings(NamedTuple):
     min_step: smallest load step, as a fraction of the load.
     """
 
-    tolerance: float = 1e-12
+    tolerance: float = 1e-13
     path_tolerance: float = 1e-6
     max_iterations: int = 20
     max_steps: int = 200
@@ -97,12 +97,13 @@ def solve(
             # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
             return jnp.all(jnp.isfinite(r)) & jnp.all(J > 0.0) & (simplified <= (1.0 - 0.25 * alpha) * size + 1e-13)
 
-        def halve(trial: tuple[Array, Array]) -> tuple[Array, Array]:
+        def shorten(trial: tuple[Array, Array]) -> tuple[Array, Array]:
             return 0.5 * trial[0], acceptable(0.5 * trial[0])
 
-        first = jnp.minimum(1.0, 0.5 / largest)  # no trial strains an element by more than one half
+        # No trial strains an element by more than one half. (The loop halves before it looks.)
+        first = jnp.minimum(1.0, 0.5 / largest)
         alpha, accepted = jax.lax.while_loop(
-            lambda trial: ~trial[1] & (trial[0] > 1e-3) & jnp.isfinite(size), halve, (first, acceptable(first))
+            lambda trial: ~trial[1] & (trial[0] > 1e-3) & jnp.isfinite(size), shorten, (2.0 * first, jnp.array(False))
         )
         z = jnp.where(accepted, s.z + alpha * delta, s.z)
         r, K, residual = evaluate(z)

@@ -16,7 +16,7 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
 
     def point(F: Array, frame: Array, T_f: Array, T_cf: Array, multipliers: Array) -> Array:
         c = lagrangian.strain(jnp.concatenate([F.reshape(9), multipliers]))
-        by_c = jax.grad(lambda c: lagrangian.density(system, c, frame, T_f, T_cf, inputs))(c)
+        by_c = jax.jacfwd(lambda c: lagrangian.density(system, c, frame, T_f, T_cf, inputs))(c)
         # A component off the diagonal of C stands twice in W, so its derivative is 2 ∂W/∂C12 already.
         return lagrangian.symmetric(by_c[:6] * jnp.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0]))
 
