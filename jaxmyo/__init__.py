@@ -11,7 +11,8 @@ from jaxmyo.mesh import Mesh, box
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.scenes import thin_sample
-from jaxmyo.states import State, contract, load
+from jaxmyo.solve import contract, load
+from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 
 __all__ = [

@@ -5,7 +5,7 @@ Axes are the Cartesian directions "x", "y", "z".
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 from jax.typing import ArrayLike
@@ -14,17 +14,13 @@ Axis = Literal["x", "y", "z"]
 AXES = ("x", "y", "z")
 
 
-def _static() -> Any:
-    return field(metadata={"static": True})
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Displacement:
     """The displacement component `axis` of all nodes of a face is `value` [mm] (Dirichlet)."""
 
-    face: str = _static()
-    axis: Axis = _static()
+    face: str = field(metadata={"static": True})
+    axis: Axis = field(metadata={"static": True})
     value: ArrayLike = 0.0
 
 
@@ -42,7 +38,7 @@ class Stretch:
     the zero-stress state P: the displacement is (value − 1) × the body's extent along the axis.
     """
 
-    axis: Axis = _static()
+    axis: Axis = field(metadata={"static": True})
     value: ArrayLike
 
 
@@ -51,8 +47,8 @@ class Stretch:
 class Planar:
     """The face keeps one common displacement component `axis`, which is an unknown: a frictionless rigid plate."""
 
-    face: str = _static()
-    axis: Axis = _static()
+    face: str = field(metadata={"static": True})
+    axis: Axis = field(metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
@@ -70,7 +66,7 @@ class Traction:
     measure "cauchy": force per deformed area (it follows the area; its tangent is not symmetric).
     """
 
-    face: str = _static()
+    face: str = field(metadata={"static": True})
     vector: ArrayLike
     measure: Literal["nominal", "cauchy"] = field(default="nominal", metadata={"static": True})
 

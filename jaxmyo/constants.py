@@ -17,7 +17,7 @@ number but without its unit, the text moved a power of ten into the exponents, a
 from dataclasses import dataclass
 
 import jax
-from jax.typing import ArrayLike
+from jax import Array
 
 
 @jax.tree_util.register_dataclass
@@ -29,14 +29,14 @@ class LinYin:
     A pytree: every constant may be an array under `vmap`, or the variable of a derivative.
     """
 
-    C1p: ArrayLike
-    C2p: ArrayLike
-    C3p: ArrayLike
-    C4p: ArrayLike
-    C1a: ArrayLike
-    C2a: ArrayLike
-    C3a: ArrayLike
-    C4a: ArrayLike
+    C1p: float | Array
+    C2p: float | Array
+    C3p: float | Array
+    C4p: float | Array
+    C1a: float | Array
+    C2a: float | Array
+    C3a: float | Array
+    C4a: float | Array
 
 
 #: As printed in the text of the paper, section "Case of a thin sample of living myocardium".

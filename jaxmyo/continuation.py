@@ -70,6 +70,8 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
     rest, the pressure of a law whose stress is p I there is found so).
     """
     scale = linear.scales(system)
+    # An invalid sample of a batch stays at its start, and its own NaN must not come back.
+    start, end = jax.tree.map(lambda x: jnp.where(valid | jnp.isfinite(x), x, 0.0), (start, end))
 
     def tangent_of_path(z: Array, K: Array, t: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
@@ -115,7 +117,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
             residual=jnp.where(good, found.residual, path.residual),
             history=jnp.where(good, found.history, path.history),
             steps=path.steps + 1,
-            rejected=path.rejected + ~good,
+            rejected=path.rejected + jnp.where(good, 0, 1),
             iterations=path.iterations + found.iteration,
         )
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxmyo.constants import LinYin
 from jaxmyo.invariants import I1, I3, I4, I6, weave_h
@@ -41,7 +40,7 @@ def lin_yin(C: Array, frame: Array, beta: Array, constants: LinYin) -> Array:
     return lin_yin_passive(C, frame, constants) + beta * lin_yin_active(C, frame, constants)
 
 
-def beating(C: Array, frame: Array, tension: ArrayLike) -> Array:
+def beating(C: Array, frame: Array, tension: float | Array) -> Array:
     """½ T ln I4: the potential of a Cauchy tension T f⊗f along the deformed fibre; T = β T0 [kPa]."""
     return 0.5 * tension * jnp.log(I4(C, frame))
 
@@ -51,11 +50,11 @@ def incompressibility(C: Array, p: Array) -> Array:
     return -0.5 * p * (I3(C) - 1.0)
 
 
-def weave(i4: Array, i6: Array, q: Array, a_over_D: ArrayLike) -> Array:
+def weave(i4: Array, i6: Array, q: Array, a_over_D: float | Array) -> Array:
     """−½ q h(I4, I6), with the multiplier q [kPa] of the weave; acts in the free contraction A only (Eq. (pa))."""
     return -0.5 * q * weave_h(i4, i6, a_over_D)
 
 
 def frozen_tensions(C: Array, frame: Array, T_f: Array, T_cf: Array) -> Array:
-    """½ T_A^f ln I4 + ½ T_A^cf ln I6: the pseudo-active tensions [kPa] that state A leaves in state C (Eq. (CauchyC))."""
+    """½ T_A^f ln I4 + ½ T_A^cf ln I6: the pseudo-active tensions [kPa] of A, acting in C (paper, Eq. (CauchyC))."""
     return 0.5 * T_f * jnp.log(I4(C, frame)) + 0.5 * T_cf * jnp.log(I6(C, frame))

@@ -13,7 +13,7 @@ NODES = np.array(
 
 
 def gauss(order: int, dimension: int = 3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Tensor-product Gauss–Legendre points (n, dimension) and weights (n,) on [−1, 1]^dimension; n = order^dimension."""
+    """Gauss–Legendre points (n, dimension) and weights (n,) on [−1, 1]^dimension; n = order^dimension."""
     x, w = np.polynomial.legendre.leggauss(order)
     points = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     weights = np.prod(np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), axis=-1), axis=-1).reshape(-1)

@@ -6,7 +6,6 @@ The fibre frame is a (3, 3) array whose rows are the orthonormal reference direc
 
 import jax.numpy as jnp
 from jax import Array
-from jax.typing import ArrayLike
 
 
 def I1(C: Array) -> Array:
@@ -33,7 +32,7 @@ def I6(C: Array, frame: Array) -> Array:
     return frame[1] @ C @ frame[1]
 
 
-def weave_h(i4: Array, i6: Array, a_over_D: ArrayLike) -> Array:
+def weave_h(i4: Array, i6: Array, a_over_D: float | Array) -> Array:
     """Kinematic constraint of the weave, h = 1 − I6^½ + (π − 2)(1 − I4^(−¼)) a/D [–] (paper, Eq. (kcbis)).
 
     h = 0 while the tissue contracts freely: a fibre that shortens thickens, and its inextensible wrapping draws the

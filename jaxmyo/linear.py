@@ -38,7 +38,7 @@ def scales(system: System) -> Scales:
 
 
 def modulus(system: System, scale: Scales, K: Array, z: Array) -> Array:
-    """The largest stress [kPa] that a unit strain of one unknown, or a multiplier, stands for: the scale of residuals."""
+    """The scale of residuals: the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier."""
     n_u = system.n_u
     stiffness = jnp.abs(jnp.diagonal(K) * scale.unit**2 / scale.volume)[:n_u]
     return jnp.max(jnp.concatenate([stiffness, jnp.abs(z[n_u:])])) + jnp.finfo(z.dtype).tiny

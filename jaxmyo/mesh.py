@@ -34,7 +34,7 @@ class Mesh:
             )
         for name, nodes in {"cells": cells, **{f"faces[{k!r}]": np.asarray(v) for k, v in self.faces.items()}}.items():
             if nodes.size and (nodes.min() < 0 or nodes.max() >= len(points)):
-                raise ValueError(f"{name} holds node numbers outside 0..{len(points) - 1}: {nodes.min()}..{nodes.max()}")
+                raise ValueError(f"{name} has node numbers {nodes.min()}..{nodes.max()} outside 0..{len(points) - 1}")
         unused = np.setdiff1d(np.arange(len(points)), cells)
         if unused.size:
             raise ValueError(f"{unused.size} node(s) belong to no element, the first is node {unused[0]}; remove them")

@@ -30,7 +30,7 @@ class Settings(NamedTuple):
     """
 
     tolerance: float = 1e-13
-    path_tolerance: float = 1e-6
+    path_tolerance: float = 1e-8
     max_iterations: int = 20
     max_steps: int = 200
     move: float = 0.2

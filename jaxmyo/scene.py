@@ -47,7 +47,7 @@ class Scene:
         if (np.abs(dot) > 1e-6).any():
             e, g = (int(i) for i in np.argwhere(np.abs(dot) > 1e-6)[0])
             raise ValueError(
-                f"fibre and cross must be orthogonal; f · f⊥ = {dot[e, g]:.3g} in element {e}, point {g} (|f · f⊥| ≤ 1e-6)"
+                f"fibre and cross must be orthogonal; f · f⊥ = {dot[e, g]:.3g} in element {e}, point {g} (valid: 0)"
             )
         object.__setattr__(self, "frame", np.stack([f, cf, np.cross(f, cf)], axis=-2))
         self.kinematics(())

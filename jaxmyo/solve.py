@@ -1,7 +1,6 @@
 """The two solves: `contract` (P → A, free contraction) and `load` (A → C, under what state A left behind)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -11,128 +10,16 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, continuation, lagrangian, outputs
+from jaxmyo import checks, continuation, lagrangian
 from jaxmyo.conditions import Condition, Stretch, Traction
-from jaxmyo.energies import weave
-from jaxmyo.invariants import I4, I6
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
-from jaxmyo.status import SolveError, Status, explain
+from jaxmyo.state import State
+from jaxmyo.status import SolveError, Status
 from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class State:
-    """An equilibrium: the fields, what they belong to, and how they were found. A pytree; every array may be batched.
-
-    scene: the `Scene`; system: the discrete problem; inputs: constants, T0, a/D, β, tensions, loads of this state;
-    u: (n_nodes, 3) displacements [mm]; p: (n_elements,) pressure [kPa]; q: (n_elements,) weave multiplier [kPa], None
-    without the weave; status: see `Status`; reached: the fraction of the load at which the fields stand (1 if
-    converged); residual: relative; force_residual [mN]; constraint_residual [–]; history: relative residuals of the
-    last Newton loop, 0 beyond its end; steps, rejected, iterations: counts; negative_eigenvalues: of the second
-    variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of the saddle matrix, > 0 where a mode
-    has no stiffness.
-    """
-
-    scene: Scene = field(metadata={"static": True})
-    system: System
-    inputs: Inputs
-    u: Array
-    p: Array
-    q: Array | None
-    status: Array
-    reached: Array
-    residual: Array
-    force_residual: Array
-    constraint_residual: Array
-    history: Array
-    steps: Array
-    rejected: Array
-    iterations: Array
-    negative_eigenvalues: Array
-    zero_eigenvalues: Array
-
-    @property
-    def converged(self) -> Array:
-        """Whether the whole load was reached and the residual is below the tolerance."""
-        return self.status == Status.CONVERGED
-
-    @property
-    def message(self) -> str:
-        """What happened, where, and what to try."""
-        return explain(self.status, self.reached, self.residual)
-
-    @property
-    def F(self) -> Array:
-        """Deformation gradient (n_elements, n_points, 3, 3) [–]."""
-        nodes = self.u[self.system.cells]
-        return jnp.eye(3)[None, None] + jnp.einsum("eai,egaj->egij", nodes, self.system.dN)
-
-    @property
-    def C(self) -> Array:
-        """Right Cauchy–Green tensor FᵀF (n_elements, n_points, 3, 3) [–]."""
-        return jnp.swapaxes(self.F, -1, -2) @ self.F
-
-    @property
-    def stretches(self) -> Array:
-        """λf, λcf, λn (n_elements, n_points, 3) [–]: stretches along fibre, cross-fibre and normal."""
-        return jnp.sqrt(jnp.einsum("egki,egij,egkj->egk", self.system.frame, self.C, self.system.frame))
-
-    @property
-    def second_piola_kirchhoff(self) -> Array:
-        """S = 2 ∂W/∂C (n_elements, n_points, 3, 3) [kPa], Cartesian components in the state P."""
-        multipliers = jnp.stack([self.p] if self.q is None else [self.p, self.q], axis=-1)
-        return outputs.second_piola_kirchhoff(self.system, self.F, multipliers, self.inputs)
-
-    @property
-    def cauchy(self) -> Array:
-        """Cauchy stress (n_elements, n_points, 3, 3) [kPa], Cartesian components."""
-        return outputs.cauchy(self.F, self.second_piola_kirchhoff)
-
-    @property
-    def cauchy_fibre(self) -> Array:
-        """Cauchy stress (n_elements, n_points, 3, 3) [kPa] in deformed fibre axes: fibre, cross-fibre, normal."""
-        R = outputs.deformed_frame(self.F, self.system.frame)
-        return R @ self.cauchy @ jnp.swapaxes(R, -1, -2)
-
-    @property
-    def T_f(self) -> Array:
-        """Pseudo-active fibre tension T_A^f = −q h4 I4 (n_elements, n_points) [kPa] (paper, Eq. (T)); 0 without weave."""
-        return self._tensions[0]
-
-    @property
-    def T_cf(self) -> Array:
-        """Pseudo-active cross-fibre tension T_A^cf = −q h6 I6 (n_elements, n_points) [kPa]; 0 without weave."""
-        return self._tensions[1]
-
-    @property
-    def _tensions(self) -> tuple[Array, Array]:
-        if self.q is None:
-            return self.inputs.T_f, self.inputs.T_cf
-
-        def point(C: Array, frame: Array, q: Array) -> tuple[Array, Array]:
-            i4, i6 = I4(C, frame), I6(C, frame)
-            by_4, by_6 = jax.grad(weave, argnums=(0, 1))(i4, i6, q, self.inputs.a_over_D)
-            return 2.0 * by_4 * i4, 2.0 * by_6 * i6
-
-        return jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(self.C, self.system.frame, self.q)
-
-    @property
-    def reactions(self) -> Array:
-        """Forces (n_nodes, 3) [mN] of the supports on the body; round-off at nodes that are free."""
-        return outputs.nodal_forces(self.system, self.F, self.second_piola_kirchhoff, self.u, self.inputs)
-
-    def reaction(self, face: str) -> Array:
-        """Resultant (3,) [mN] of the supports' forces on the nodes of a named face."""
-        return jnp.sum(self.reactions[np.unique(self.scene.mesh.face(face))], axis=0)
-
-    def mean(self, values: Array) -> Array:
-        """Volume mean of a field (n_elements, n_points, ...)."""
-        return jnp.tensordot(self.system.weight, values, axes=2) / jnp.sum(self.system.weight)
 
 
 def contract(
@@ -191,7 +78,9 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
     z_u = _reduce(ties, u)
     held = u - ties.scale * z_u[ties.index] if ties.size else u
     start = end._replace(offset=held, nominal=jnp.zeros_like(nominal), cauchy=jnp.zeros_like(cauchy))
-    stretches = [checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)]
+    stretches = [
+        checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
+    ]
     valid = jnp.all(jnp.stack([checks.tree_is_finite(end), state.converged, *stretches]))
     return _solve(scene, system, jnp.concatenate([z_u, state.p]), start, end, valid, settings, throw)
 
