@@ -89,7 +89,7 @@ def tree_is_finite(tree: Any) -> Array:
 
 def choice(name: str, value: str, valid: list[str]) -> str:
     """The value, if it is one of the valid names."""
-    if value not in valid:
+    if not isinstance(value, str) or value not in valid:
         raise ValueError(f"{name} = {value!r} is unknown; valid: {', '.join(map(repr, valid))}")
     return value
 

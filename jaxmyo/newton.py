@@ -33,7 +33,7 @@ class Settings(NamedTuple):
     path_tolerance: float = 1e-8
     max_iterations: int = 20
     max_steps: int = 200
-    move: float = 0.2
+    move: float = 0.25
     min_step: float = 1e-7
 
 
@@ -51,6 +51,16 @@ class Iterate(NamedTuple):
     iteration: Array
     status: Array
     history: Array
+
+
+class _Trial(NamedTuple):
+    """A point of the line search; rejected trials may hold anything, and are not used."""
+
+    alpha: Array
+    z: Array
+    r: Array
+    K: Array
+    accepted: Array
 
 
 def relative_residual(system: System, scale: linear.Scales, z: Array, r: Array, K: Array) -> Array:
@@ -72,9 +82,13 @@ def solve(
 ) -> Iterate:
     """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most `tolerance`."""
 
-    def evaluate(z: Array) -> tuple[Array, Array, Array]:
-        r, K = lagrangian.residual_and_tangent(system, z, inputs)
-        return r, K, relative_residual(system, scale, z, r, K)
+    def evaluate(z: Array) -> tuple[Array, Array]:
+        return lagrangian.residual_and_tangent(system, z, inputs)
+
+    def admissible(z: Array, r: Array, K: Array) -> Array:
+        """Whether the energy is finite and no Gauss point is turned inside out."""
+        J = jnp.linalg.det(lagrangian.deformation_gradients(system, z, inputs))
+        return jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
 
     def done(s: Iterate) -> Array:
         # The quadratic rate makes the error of the iterate about the square of its last correction.
@@ -89,38 +103,37 @@ def solve(
         delta = -factors.solve(s.r)
         size, largest = strain_of(system, delta)
 
-        def acceptable(alpha: Array) -> Array:
-            trial = s.z + alpha * delta
-            r = lagrangian.residual(system, trial, inputs)
-            J = jnp.linalg.det(lagrangian.deformation_gradients(system, trial, inputs))
+        def search(trial: _Trial) -> _Trial:
+            alpha = 0.5 * trial.alpha
+            z = s.z + alpha * delta
+            r, K = evaluate(z)
             simplified, _ = strain_of(system, factors.solve(r))
             # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
-            return jnp.all(jnp.isfinite(r)) & jnp.all(J > 0.0) & (simplified <= (1.0 - 0.25 * alpha) * size + 1e-13)
-
-        def shorten(trial: tuple[Array, Array]) -> tuple[Array, Array]:
-            return 0.5 * trial[0], acceptable(0.5 * trial[0])
+            smaller = simplified <= (1.0 - 0.25 * alpha) * size + 1e-13
+            return _Trial(alpha, z, r, K, smaller & admissible(z, r, K))
 
         # No trial strains an element by more than one half. (The loop halves before it looks.)
         first = jnp.minimum(1.0, 0.5 / largest)
-        alpha, accepted = jax.lax.while_loop(
-            lambda trial: ~trial[1] & (trial[0] > 1e-3) & jnp.isfinite(size), shorten, (2.0 * first, jnp.array(False))
+        trial = jax.lax.while_loop(
+            lambda trial: ~trial.accepted & (trial.alpha > 1e-3) & jnp.isfinite(size),
+            search,
+            _Trial(2.0 * first, s.z, s.r, s.K, jnp.array(False)),
         )
-        z = jnp.where(accepted, s.z + alpha * delta, s.z)
-        r, K, residual = evaluate(z)
+        failed = jnp.where(jnp.isfinite(size), Status.NO_DESCENT, Status.SINGULAR)
+        residual = relative_residual(system, scale, trial.z, trial.r, trial.K)
         return Iterate(
-            z=z,
-            r=r,
-            K=K,
-            correction=jnp.where(accepted, alpha * size, jnp.inf),
+            z=trial.z,
+            r=trial.r,
+            K=trial.K,
+            correction=trial.alpha * size,
             residual=residual,
             iteration=s.iteration + 1,
-            status=jnp.where(
-                accepted, Status.CONVERGED, jnp.where(jnp.isfinite(size), Status.NO_DESCENT, Status.SINGULAR)
-            ),
+            status=jnp.where(trial.accepted, Status.CONVERGED, failed),
             history=s.history.at[s.iteration + 1].set(residual),
         )
 
-    r, K, residual = evaluate(z)
+    r, K = evaluate(z)
+    residual = relative_residual(system, scale, z, r, K)
     start = Iterate(
         z=z,
         r=r,
@@ -128,7 +141,7 @@ def solve(
         correction=jnp.array(jnp.inf),
         residual=residual,
         iteration=jnp.array(0),
-        status=jnp.where(jnp.isfinite(residual), Status.CONVERGED, Status.NO_DESCENT),
+        status=jnp.where(admissible(z, r, K), Status.CONVERGED, Status.NO_DESCENT),
         history=jnp.zeros(settings.max_iterations + 1).at[0].set(residual),
     )
     end = jax.lax.while_loop(keep_going, iterate, start)

@@ -10,12 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import outputs
+from jaxmyo import checks, outputs
 from jaxmyo.energies import weave
 from jaxmyo.invariants import I4, I6
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.status import Status, explain
+
+
+#: The fields at the quadrature points that `State.mean` averages.
+FIELDS = ["F", "C", "stretches", "second_piola_kirchhoff", "cauchy", "cauchy_fibre", "T_f", "T_cf"]
 
 
 def _per_state(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -148,13 +152,13 @@ class State:
         """Resultant (3,) [mN] of the supports' forces on the nodes of a named face."""
         return jnp.sum(self.reactions[np.unique(self.scene.mesh.face(face))], axis=0)
 
-    def mean(self, field: str) -> Array:
-        """Volume mean of one of the fields above by its name, e.g. mean("cauchy"): (3, 3) [kPa]."""
-        return self._mean(field)
+    def mean(self, name: str) -> Array:
+        """Volume mean of a field at the quadrature points by its name, e.g. mean("cauchy"): (3, 3) [kPa]."""
+        return self._mean(checks.choice("name", name, FIELDS))
 
     @_per_state
-    def _mean(self, field: str) -> Array:
-        return jnp.tensordot(self.system.weight, getattr(self, field), axes=2) / jnp.sum(self.system.weight)
+    def _mean(self, name: str) -> Array:
+        return jnp.tensordot(self.system.weight, getattr(self, name), axes=2) / jnp.sum(self.system.weight)
 
     def __getitem__(self, i: Any) -> "State":
         """One state, or some, of a batch that `vmap` made."""

@@ -1,0 +1,114 @@
+"""States of the homogeneous thin sample with and without the weave, and the few numbers that tell of each."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmyo.scene import Scene
+from jaxmyo.solve import contract
+from jaxmyo.state import State
+from jaxmyo.status import SolveError, Status, explain
+
+#: The programs of the paper run for milliseconds and compile for seconds: the compiler's cheapest settings.
+COMPILER_OPTIONS: dict[str, str | bool] = {"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": False}
+
+#: Where states come with and without the constraint of the weave, they come in this order.
+CONSTRAINT = (True, False)
+
+
+class Point(NamedTuple):
+    """One homogeneous state, or arrays of them (leading axes).
+
+    stretches: (..., 3) λf, λcf, λn [–]; sigma: (..., 3) Cauchy stresses σ11, σ22, σ33 [kPa]; T_f, T_cf: pseudo-active
+    tensions [kPa]; residual: relative; reached, status: see `jaxmyo.State`; negative, zero: eigenvalue counts of the
+    second variation (> 0 negative: unstable; > 0 zero: a mode without stiffness).
+    """
+
+    stretches: Any
+    sigma: Any
+    T_f: Any
+    T_cf: Any
+    residual: Any
+    reached: Any
+    status: Any
+    negative: Any
+    zero: Any
+
+    def at(self, index: Any) -> "Point":
+        """Some of the states, by an index of the leading axes."""
+        return Point(*(field[index] for field in self))
+
+    def shaped(self, *shape: int) -> "Point":
+        """A batch with its leading axis unfolded."""
+        return Point(*(np.reshape(field, (*shape, *field.shape[1:])) for field in self))
+
+
+def point(state: State) -> Point:
+    """The numbers of a state of the sample of one element with one quadrature point."""
+    return Point(
+        stretches=state.stretches[0, 0],
+        sigma=jnp.diagonal(state.cauchy[0, 0]),
+        T_f=state.T_f[0, 0],
+        T_cf=state.T_cf[0, 0],
+        residual=state.residual,
+        reached=state.reached,
+        status=state.status,
+        negative=state.negative_eigenvalues,
+        zero=state.zero_eigenvalues,
+    )
+
+
+def contractions(scene: Scene, constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
+    """Free contractions A of n samples with and without the weave, as one batch (2n,) ready to be loaded.
+
+    T0 [kPa], a_over_D, beta: (n,). First the n states with the weave, then the n without it. In both the multiplier q
+    is left behind; its tensions T_A are what state C starts from (0 without the weave).
+    """
+
+    def with_weave(T0: Array, a_over_D: Array, beta: Array) -> State:
+        A = contract(scene, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False)
+        return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf))
+
+    def without(T0: Array, beta: Array) -> State:
+        return contract(scene, T0=T0, a_over_D=None, beta=beta, constants=constants, throw=False)
+
+    acting, absent = jax.vmap(with_weave)(T0, a_over_D, beta), jax.vmap(without)(T0, beta)
+    return join(replace(acting, system=absent.system), absent)
+
+
+def join(*batches: Any) -> Any:
+    """Batches of the same kind, one after the other."""
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *batches)
+
+
+def constants_as_arrays(constants: Any) -> Any:
+    """Every constant as a float64 array, so that all sets run through one compiled program."""
+    return jax.tree.map(lambda c: np.asarray(c, dtype=np.float64), constants)
+
+
+def solved(points: Point, what: Sequence[str]) -> Point:
+    """A batch (n,) as NumPy arrays, if all states converged; a SolveError that names the first which did not.
+
+    what: a name for each state.
+    """
+    points = Point(*(np.asarray(field) for field in jax.device_get(tuple(points))))
+    failed = np.flatnonzero(points.status != Status.CONVERGED)
+    if failed.size:
+        first = points.at(failed[0])
+        raise SolveError(
+            f"{failed.size} of {points.status.size} states were not found; the first, {what[failed[0]]}: "
+            f"{explain(first.status, first.reached, first.residual)}",
+            first,
+        )
+    return points
+
+
+def worst(*points: Point) -> float:
+    """The largest relative residual of some states."""
+    return max(float(np.max(p.residual)) for p in points)
+
