@@ -48,8 +48,8 @@ class _Path(NamedTuple):
     r: Array
     K: Array
     rate: Array  # dz/dt along the path
+    speed: Array  # root-mean-square strain of the body per t, along the tangent
     dt: Array
-    limit: Array  # the step that the strain bound allows
     reason: Array  # why the last step was rejected
     residual: Array
     history: Array
@@ -79,7 +79,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
             lambda t: lagrangian.residual(system, z, between(start, end, t)), (jnp.minimum(t, 1.0 - 1e-9),), (1.0,)
         )
         G = linear.modulus(system, scale, K, z)
-        rate = -linear.factorise(scale, K, 1e-9 * G).solve(by_t)
+        rate = -linear.factorise(scale, K, jnp.where(t > 0.0, 1e-9, 1e-4) * G).solve(by_t)
         dF = lagrangian.deformation_gradients(system, rate, _rate(start, end)) - jnp.eye(3)[None, None]
         square = jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight)
         return rate, jnp.sqrt(square)
@@ -88,32 +88,43 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         return (path.t < 1.0) & (path.steps < settings.max_steps) & (path.dt >= settings.min_step) & valid
 
     def step(path: _Path) -> _Path:
-        at_start = path.t < 0.0
-        t = jnp.where(at_start, 0.0, jnp.minimum(path.t + jnp.minimum(path.dt, path.limit), 1.0))
-        t = jnp.where(t > 1.0 - settings.min_step, 1.0, t)
-        inputs = between(start, end, t)
-        guess = path.z + jnp.where(at_start, 0.0, t - path.t) * path.rate
+        at_start, from_start = path.t < 0.0, path.t == 0.0
+        t = jnp.where(at_start, 0.0, path.t + path.dt)
+        t = jnp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
+        taken = jnp.where(at_start, 0.0, t - path.t)
+        guess = path.z + taken * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
-        found = newton.solve(system, scale, guess, inputs, tolerance, settings)
+        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, settings)
+        # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain that a
+        # step may make. From rest, where the tangent may have no stiffness, the step itself must be small instead.
+        aimed = path.speed * taken
+        off, _ = newton.strain_of(system, found.z - guess)
         moved, _ = newton.strain_of(system, found.z - path.z)
-        jumped = ~at_start & (moved > 3.0 * settings.move)
-        good = (found.status == Status.CONVERGED) & ~jumped
+        near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (from_start & (moved <= settings.move))
+        good = (found.status == Status.CONVERGED) & (near | at_start)
         rate, speed = tangent_of_path(found.z, found.K, t)
-        easy = jnp.where(found.iteration <= 4, 10.0, jnp.where(found.iteration <= 7, 2.0, 0.7))
-        taken = jnp.where(at_start, 1.0, t - path.t)
-        # The strain bound may ask for steps below min_step (a tangent that starts singular); only a failure ends there.
-        longer = jnp.where(at_start, 1.0, jnp.maximum(easy * taken, settings.min_step))
-        shorter = jnp.where(at_start, 0.0, 0.25 * taken)
-        usable = good & jnp.all(jnp.isfinite(rate))
+        known = jnp.all(jnp.isfinite(rate))
+        rate, speed = jnp.where(known, rate, 0.0), jnp.where(known, speed, 0.0)
+        # The correction grows with the square of the step; aim below what is accepted.
+        growth = jnp.sqrt(jnp.maximum(0.3 * aimed, 0.12 * settings.move) / jnp.maximum(off, 1e-12))
+        growth = jnp.clip(growth, 0.1, 10.0)
+        growth = jnp.where(found.iteration > 8, jnp.minimum(growth, 1.0), growth)
+        next_dt = jnp.minimum(jnp.where(at_start, 1.0, growth * taken), settings.move / jnp.maximum(speed, 1e-9))
+        retry = jnp.where(at_start, 0.0, 0.25 * taken)
         return _Path(
             t=jnp.where(good, t, path.t),
             z=jnp.where(good, found.z, path.z),
             r=jnp.where(good, found.r, path.r),
             K=jnp.where(good, found.K, path.K),
-            rate=jnp.where(good, jnp.where(usable, rate, 0.0), path.rate),
-            dt=jnp.where(good, longer, shorter),
-            limit=jnp.where(good, settings.move / jnp.maximum(jnp.where(usable, speed, 0.0), 1e-9), path.limit),
-            reason=jnp.where(good, Status.TOO_MANY_STEPS, jnp.where(jumped, Status.STEP_TOO_LARGE, found.status)),
+            rate=jnp.where(good, rate, path.rate),
+            speed=jnp.where(good, speed, path.speed),
+            # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
+            dt=jnp.where(good, jnp.maximum(next_dt, settings.min_step), retry),
+            reason=jnp.where(
+                good,
+                Status.TOO_MANY_STEPS,
+                jnp.where(found.status == Status.CONVERGED, Status.BRANCH_LEFT, found.status),
+            ),
             residual=jnp.where(good, found.residual, path.residual),
             history=jnp.where(good, found.history, path.history),
             steps=path.steps + 1,
@@ -128,8 +139,8 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         r=jnp.zeros_like(z),
         K=jnp.zeros((system.size, system.size)),
         rate=jnp.zeros_like(z),
+        speed=jnp.array(0.0),
         dt=jnp.array(1.0),
-        limit=jnp.array(1.0),
         reason=jnp.array(Status.TOO_MANY_STEPS),
         residual=jnp.array(0.0),
         history=jnp.zeros(settings.max_iterations + 1),

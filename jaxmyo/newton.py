@@ -30,11 +30,11 @@ class Settings(NamedTuple):
     """
 
     tolerance: float = 1e-13
-    path_tolerance: float = 1e-8
+    path_tolerance: float = 1e-7
     max_iterations: int = 20
     max_steps: int = 200
-    move: float = 0.25
-    min_step: float = 1e-7
+    move: float = 0.3
+    min_step: float = 1e-8
 
 
 class Iterate(NamedTuple):

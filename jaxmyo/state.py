@@ -17,7 +17,6 @@ from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.status import Status, explain
 
-
 #: The fields at the quadrature points that `State.mean` averages.
 FIELDS = ["F", "C", "stretches", "second_piola_kirchhoff", "cauchy", "cauchy_fibre", "T_f", "T_cf"]
 

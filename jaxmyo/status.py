@@ -14,7 +14,7 @@ class Status(IntEnum):
     NO_DESCENT = 2
     TOO_MANY_ITERATIONS = 3
     SINGULAR = 4
-    STEP_TOO_LARGE = 5
+    BRANCH_LEFT = 5
     TOO_MANY_STEPS = 6
 
 
@@ -37,8 +37,8 @@ _MEANING = {
         "the tangent is singular. A mode without stiffness is free, or constraints are redundant; check the supports, "
         "and the law's stiffness at this state"
     ),
-    Status.STEP_TOO_LARGE: (
-        "the smallest load step still moved the body by a large strain: the branch ends here and the nearest "
+    Status.BRANCH_LEFT: (
+        "however small the load step, the body left the tangent of its path: the branch ends here, and the next "
         "equilibrium is far away (snap-through). Try a smaller load, or prescribe a displacement instead of a traction"
     ),
     Status.TOO_MANY_STEPS: (

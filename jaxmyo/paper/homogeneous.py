@@ -111,4 +111,3 @@ def solved(points: Point, what: Sequence[str]) -> Point:
 def worst(*points: Point) -> float:
     """The largest relative residual of some states."""
     return max(float(np.max(p.residual)) for p in points)
-

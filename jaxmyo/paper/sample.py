@@ -33,7 +33,7 @@ S = np.linspace(0.0, 1.0, 41)
 HALF, REST = 20, 0
 #: The uniaxial tests end at this stretch; they begin at the stretch of state A, or at 1 if that is larger.
 LAST_STRETCH = 1.3
-N_STRETCHES = 31
+N_STRETCHES = 61
 #: The directions and the activations of the uniaxial tests, in the order of the arrays.
 DIRECTIONS = ("f", "cf")
 BETAS = (1.0, 0.0)
@@ -48,7 +48,7 @@ def activation(s: NDArray[np.float64]) -> NDArray[np.float64]:
 class Sample:
     """The states behind the two figures of the sample, all converged; T0 = 35 kPa, a/D = 0.2.
 
-    free: (2, 41) states A, with and without the constraint, at the times `S`; uniaxial: (2, 2, 2, 31) states C by
+    free: (2, 41) states A, with and without the constraint, at the times `S`; uniaxial: (2, 2, 2, 61) states C by
     direction (f, cf), with and without the constraint, β (1, 0) and stretch; residual: the largest relative one.
     """
 
@@ -58,17 +58,17 @@ class Sample:
 
     @property
     def stretch(self) -> NDArray[np.float64]:
-        """The stretch [–] in the direction of the uniaxial test, (2, 2, 2, 31)."""
+        """The stretch [–] in the direction of the uniaxial test, (2, 2, 2, 61)."""
         return np.stack([self.uniaxial.stretches[i, ..., i] for i in range(len(DIRECTIONS))])
 
     @property
     def stress(self) -> NDArray[np.float64]:
-        """The Cauchy stress [kPa] in the direction of the uniaxial test, (2, 2, 2, 31)."""
+        """The Cauchy stress [kPa] in the direction of the uniaxial test, (2, 2, 2, 61)."""
         return np.stack([self.uniaxial.sigma[i, ..., i] for i in range(len(DIRECTIONS))])
 
     @property
     def unstable(self) -> NDArray[np.bool_]:
-        """Which states of the uniaxial tests are unstable equilibria, (2, 2, 2, 31)."""
+        """Which states of the uniaxial tests are unstable equilibria, (2, 2, 2, 61)."""
         return np.asarray(self.uniaxial.negative > 0)
 
 

@@ -104,7 +104,9 @@ def table1(constants: Any) -> Table:
     with_weave = [a for a in A_OVER_D if a is not None]
     cases = [(a, T0) for a in with_weave for T0 in T0_KPA]
     a_over_D, T0 = np.array(cases).T
-    kinds = [f"a/D = {a:g}, T0 = {T0:g} kPa" for a, T0 in cases] + [f"T0 = {T0:g} kPa, no constraint" for _, T0 in cases]
+    kinds = [f"a/D = {a:g}, T0 = {T0:g} kPa" for a, T0 in cases] + [
+        f"T0 = {T0:g} kPa, no constraint" for _, T0 in cases
+    ]
     names = [f"state {state} of {kind}" for state in "AC" for kind in kinds]
     states = solved(_states(constants_as_arrays(constants), T0, a_over_D), names).shaped(2, 2, len(cases))
     rows = []
