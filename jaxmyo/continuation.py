@@ -49,6 +49,7 @@ class _Path(NamedTuple):
     K: Array
     rate: Array  # dz/dt along the path
     speed: Array  # root-mean-square strain of the body per t, along the tangent
+    slowing: Array  # c ≥ 0 of speed ∝ 1/(1 + c t), from the last two speeds
     dt: Array
     reason: Array  # why the last step was rejected
     residual: Array
@@ -92,12 +93,14 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         t = jnp.where(at_start, 0.0, path.t + path.dt)
         t = jnp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = jnp.where(at_start, 0.0, t - path.t)
-        guess = path.z + taken * path.rate
+        # Far ahead the path slows down like 1/(1 + c t): from rest, a little activation moves soft tissue a long way.
+        ahead = jnp.log1p(path.slowing * taken) / path.slowing
+        guess = path.z + ahead * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         found = newton.solve(system, scale, guess, between(start, end, t), tolerance, settings)
-        # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain that a
+        # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make. From rest, where the tangent may have no stiffness, the step itself must be small instead.
-        aimed = path.speed * taken
+        aimed = path.speed * ahead
         off, _ = newton.strain_of(system, found.z - guess)
         moved, _ = newton.strain_of(system, found.z - path.z)
         near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (from_start & (moved <= settings.move))
@@ -105,10 +108,10 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         rate, speed = tangent_of_path(found.z, found.K, t)
         known = jnp.all(jnp.isfinite(rate))
         rate, speed = jnp.where(known, rate, 0.0), jnp.where(known, speed, 0.0)
-        # The correction grows with the square of the step; aim below what is accepted.
-        growth = jnp.sqrt(jnp.maximum(0.3 * aimed, 0.12 * settings.move) / jnp.maximum(off, 1e-12))
-        growth = jnp.clip(growth, 0.1, 10.0)
+        # Aim at half of the correction that is accepted.
+        growth = jnp.clip(0.5 * jnp.maximum(0.5 * aimed, 0.2 * settings.move) / jnp.maximum(off, 1e-12), 0.1, 10.0)
         growth = jnp.where(found.iteration > 8, jnp.minimum(growth, 1.0), growth)
+        slowing = jnp.maximum((path.speed / jnp.maximum(speed, 1e-9) - 1.0) / jnp.maximum(taken, 1e-12), 1e-9)
         next_dt = jnp.minimum(jnp.where(at_start, 1.0, growth * taken), settings.move / jnp.maximum(speed, 1e-9))
         retry = jnp.where(at_start, 0.0, 0.25 * taken)
         return _Path(
@@ -118,6 +121,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
             K=jnp.where(good, found.K, path.K),
             rate=jnp.where(good, rate, path.rate),
             speed=jnp.where(good, speed, path.speed),
+            slowing=jnp.where(good, jnp.where(from_start | at_start, 1e-9, slowing), path.slowing),
             # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
             dt=jnp.where(good, jnp.maximum(next_dt, settings.min_step), retry),
             reason=jnp.where(
@@ -140,6 +144,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         K=jnp.zeros((system.size, system.size)),
         rate=jnp.zeros_like(z),
         speed=jnp.array(0.0),
+        slowing=jnp.array(1e-9),
         dt=jnp.array(1.0),
         reason=jnp.array(Status.TOO_MANY_STEPS),
         residual=jnp.array(0.0),
@@ -148,7 +153,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         rejected=zero,
         iterations=zero,
     )
-    last = jax.lax.while_loop(keep_going, step, first)
+    last = jax.lax.while_loop(keep_going, step, newton.batched_as(valid, first))
     reached = jnp.maximum(last.t, 0.0)
     negative, zeros = linear.inertia(system, scale, last.K, last.z)
     status = jnp.where(last.t >= 1.0, Status.CONVERGED, last.reason)

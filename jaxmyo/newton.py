@@ -9,7 +9,7 @@ Where the tangent is singular (the Lin–Yin law has no shear stiffness in the z
 proportional to the residual is added to the matrix. It vanishes with the residual, so the limit is Newton's.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,8 @@ from jax import Array
 from jaxmyo import lagrangian, linear
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.status import Status
+
+T = TypeVar("T")
 
 
 class Settings(NamedTuple):
@@ -77,6 +79,15 @@ def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
     return jnp.sqrt(jnp.sum(system.weight * square) / jnp.sum(system.weight)), jnp.sqrt(jnp.max(square))
 
 
+def batched_as(x: Array, carry: T) -> T:
+    """The same values, batched under `vmap` as the scalar x is.
+
+    The carry of a loop that starts unbatched makes JAX batch the loop's body several times over, at every level of
+    nested loops: most of the time of tracing.
+    """
+    return jax.tree.map(lambda leaf: jnp.where(x == x, leaf, leaf), carry)
+
+
 def solve(
     system: System, scale: linear.Scales, z: Array, inputs: Inputs, tolerance: Array, settings: Settings
 ) -> Iterate:
@@ -117,7 +128,7 @@ def solve(
         trial = jax.lax.while_loop(
             lambda trial: ~trial.accepted & (trial.alpha > 1e-3) & jnp.isfinite(size),
             search,
-            _Trial(2.0 * first, s.z, s.r, s.K, jnp.array(False)),
+            _Trial(2.0 * first, s.z, s.r, s.K, first < 0.0),
         )
         failed = jnp.where(jnp.isfinite(size), Status.NO_DESCENT, Status.SINGULAR)
         residual = relative_residual(system, scale, trial.z, trial.r, trial.K)
@@ -144,6 +155,6 @@ def solve(
         status=jnp.where(admissible(z, r, K), Status.CONVERGED, Status.NO_DESCENT),
         history=jnp.zeros(settings.max_iterations + 1).at[0].set(residual),
     )
-    end = jax.lax.while_loop(keep_going, iterate, start)
+    end = jax.lax.while_loop(keep_going, iterate, batched_as(residual, start))
     status = jnp.where((end.status == Status.CONVERGED) & ~done(end), Status.TOO_MANY_ITERATIONS, end.status)
     return end._replace(status=status)
