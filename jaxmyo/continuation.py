@@ -74,13 +74,14 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
     start, end = jax.tree.map(lambda x: jnp.where(valid | jnp.isfinite(x), x, 0.0), (start, end))
 
-    def tangent_of_path(z: Array, K: Array, t: Array) -> tuple[Array, Array]:
+    def tangent_of_path(found: newton.Iterate, t: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
         _, by_t = jax.jvp(
-            lambda t: lagrangian.residual(system, z, between(start, end, t)), (jnp.minimum(t, 1.0 - 1e-9),), (1.0,)
+            lambda t: lagrangian.residual(system, found.z, between(start, end, t)),
+            (jnp.minimum(t, 1.0 - 1e-9),),
+            (1.0,),
         )
-        G = linear.modulus(system, scale, K, z)
-        rate = -linear.factorise(scale, K, jnp.where(t > 0.0, 1e-9, 1e-4) * G).solve(by_t)
+        rate = -found.factors.solve(by_t)
         dF = lagrangian.deformation_gradients(system, rate, _rate(start, end)) - jnp.eye(3)[None, None]
         square = jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight)
         return rate, jnp.sqrt(square)
@@ -97,7 +98,8 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         ahead = jnp.log1p(path.slowing * taken) / path.slowing
         guess = path.z + ahead * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
-        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, settings)
+        stiffening = jnp.where(at_start, 1e-4, 1e-13)
+        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, stiffening, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make. From rest, where the tangent may have no stiffness, the step itself must be small instead.
         aimed = path.speed * ahead
@@ -105,7 +107,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         moved, _ = newton.strain_of(system, found.z - path.z)
         near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (from_start & (moved <= settings.move))
         good = (found.status == Status.CONVERGED) & (near | at_start)
-        rate, speed = tangent_of_path(found.z, found.K, t)
+        rate, speed = tangent_of_path(found, t)
         known = jnp.all(jnp.isfinite(rate))
         rate, speed = jnp.where(known, rate, 0.0), jnp.where(known, speed, 0.0)
         # Aim at half of the correction that is accepted.

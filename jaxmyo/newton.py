@@ -40,29 +40,25 @@ class Settings(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Newton's iterate: unknowns, residual, tangent, the strain of the last correction, and how it went.
+    """Newton's iterate: the unknowns, and what is known there.
 
-    history: (max_iterations + 1,) relative residuals, 0 beyond the last iteration.
+    z: unknowns; r, K: residual and tangent; factors: of K; delta: the Newton correction from z; size: its
+    root-mean-square strain, an estimate of the error of z; alpha: the length of the next trial along delta;
+    residual: relative; iteration: number of corrections made; status; history: (max_iterations + 1,) relative
+    residuals, 0 beyond the last iteration.
     """
 
     z: Array
     r: Array
     K: Array
-    correction: Array
+    factors: linear.Factors
+    delta: Array
+    size: Array
+    alpha: Array
     residual: Array
     iteration: Array
     status: Array
     history: Array
-
-
-class _Trial(NamedTuple):
-    """A point of the line search; rejected trials may hold anything, and are not used."""
-
-    alpha: Array
-    z: Array
-    r: Array
-    K: Array
-    accepted: Array
 
 
 def relative_residual(system: System, scale: linear.Scales, z: Array, r: Array, K: Array) -> Array:
@@ -89,72 +85,78 @@ def batched_as(x: Array, carry: T) -> T:
 
 
 def solve(
-    system: System, scale: linear.Scales, z: Array, inputs: Inputs, tolerance: Array, settings: Settings
+    system: System,
+    scale: linear.Scales,
+    z: Array,
+    inputs: Inputs,
+    tolerance: Array,
+    stiffening: Array,
+    settings: Settings,
 ) -> Iterate:
-    """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most `tolerance`."""
+    """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most `tolerance`.
 
-    def evaluate(z: Array) -> tuple[Array, Array]:
-        return lagrangian.residual_and_tangent(system, z, inputs)
+    stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular tangent from dividing by zero,
+    more bounds the correction (and the tangent of the path) where a mode has no stiffness.
 
-    def admissible(z: Array, r: Array, K: Array) -> Array:
-        """Whether the energy is finite and no Gauss point is turned inside out."""
-        J = jnp.linalg.det(lagrangian.deformation_gradients(system, z, inputs))
-        return jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
+    One loop: look at a trial point, then either take it and find the next correction, or halve the step. The first
+    trial is z itself.
+    """
 
     def done(s: Iterate) -> Array:
-        # The quadratic rate makes the error of the iterate about the square of its last correction.
-        return (s.residual <= tolerance) & (s.correction <= jnp.sqrt(tolerance))
+        return (s.residual <= tolerance) & (s.size <= 1e3 * tolerance)
 
     def keep_going(s: Iterate) -> Array:
         return ~done(s) & (s.status == Status.CONVERGED) & (s.iteration < settings.max_iterations)
 
-    def iterate(s: Iterate) -> Iterate:
-        floor = 1e-13 * linear.modulus(system, scale, s.K, s.z)
-        factors = linear.factorise(scale, s.K, 0.1 * linear.stress_residual(system, scale, s.r) + floor)
-        delta = -factors.solve(s.r)
+    def look(s: Iterate) -> Iterate:
+        begin = s.iteration < 0
+        z = s.z + s.alpha * s.delta
+        # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
+        r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(system, z, inputs))
+        J = jnp.linalg.det(lagrangian.deformation_gradients(system, z, inputs))
+        admissible = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
+        simplified, _ = strain_of(system, s.factors.solve(r))
+        # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
+        taken = admissible & (begin | (simplified <= (1.0 - 0.25 * s.alpha) * s.size + 1e-13))
+
+        G = linear.modulus(system, scale, K, z)
+        factors = linear.factorise(scale, K, 0.1 * linear.stress_residual(system, scale, r) + stiffening * G)
+        delta = -factors.solve(r)
         size, largest = strain_of(system, delta)
-
-        def search(trial: _Trial) -> _Trial:
-            alpha = 0.5 * trial.alpha
-            z = s.z + alpha * delta
-            r, K = evaluate(z)
-            simplified, _ = strain_of(system, factors.solve(r))
-            # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
-            smaller = simplified <= (1.0 - 0.25 * alpha) * size + 1e-13
-            return _Trial(alpha, z, r, K, smaller & admissible(z, r, K))
-
-        # No trial strains an element by more than one half. (The loop halves before it looks.)
-        first = jnp.minimum(1.0, 0.5 / largest)
-        trial = jax.lax.while_loop(
-            lambda trial: ~trial.accepted & (trial.alpha > 1e-3) & jnp.isfinite(size),
-            search,
-            _Trial(2.0 * first, s.z, s.r, s.K, first < 0.0),
-        )
-        failed = jnp.where(jnp.isfinite(size), Status.NO_DESCENT, Status.SINGULAR)
-        residual = relative_residual(system, scale, trial.z, trial.r, trial.K)
-        return Iterate(
-            z=trial.z,
-            r=trial.r,
-            K=trial.K,
-            correction=trial.alpha * size,
+        residual = relative_residual(system, scale, z, r, K)
+        iteration = s.iteration + 1
+        further = Iterate(
+            z=z,
+            r=r,
+            K=K,
+            factors=factors,
+            delta=delta,
+            size=size,
+            alpha=jnp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
             residual=residual,
-            iteration=s.iteration + 1,
-            status=jnp.where(trial.accepted, Status.CONVERGED, failed),
-            history=s.history.at[s.iteration + 1].set(residual),
+            iteration=iteration,
+            status=jnp.where(jnp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
+            history=s.history.at[iteration].set(residual),
         )
+        lost = begin | (s.alpha < 1e-3)
+        shorter = s._replace(alpha=0.5 * s.alpha, status=jnp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
+        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), further, shorter)
 
-    r, K = evaluate(z)
-    residual = relative_residual(system, scale, z, r, K)
+    n = system.size
+    nothing = jnp.zeros((n, n))
     start = Iterate(
         z=z,
-        r=r,
-        K=K,
-        correction=jnp.array(jnp.inf),
-        residual=residual,
-        iteration=jnp.array(0),
-        status=jnp.where(admissible(z, r, K), Status.CONVERGED, Status.NO_DESCENT),
-        history=jnp.zeros(settings.max_iterations + 1).at[0].set(residual),
+        r=jnp.zeros(n),
+        K=nothing,
+        factors=linear.Factors(nothing, jnp.zeros(n, dtype="int32")),
+        delta=jnp.zeros(n),
+        size=jnp.array(jnp.inf),
+        alpha=jnp.array(1.0),
+        residual=jnp.array(jnp.inf),
+        iteration=jnp.array(-1),
+        status=jnp.array(Status.CONVERGED),
+        history=jnp.zeros(settings.max_iterations + 1),
     )
-    end = jax.lax.while_loop(keep_going, iterate, batched_as(residual, start))
+    end = jax.lax.while_loop(keep_going, look, batched_as(tolerance, start))
     status = jnp.where((end.status == Status.CONVERGED) & ~done(end), Status.TOO_MANY_ITERATIONS, end.status)
     return end._replace(status=status)
