@@ -90,7 +90,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         return (path.t < 1.0) & (path.steps < settings.max_steps) & (path.dt >= settings.min_step) & valid
 
     def step(path: _Path) -> _Path:
-        at_start, from_start = path.t < 0.0, path.t == 0.0
+        at_start, first_step = path.t < 0.0, path.t <= 0.0
         t = jnp.where(at_start, 0.0, path.t + path.dt)
         t = jnp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = jnp.where(at_start, 0.0, t - path.t)
@@ -99,13 +99,13 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         guess = path.z + ahead * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = jnp.where(at_start, 1e-4, 1e-13)
-        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, stiffening, settings)
+        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make. From rest, where the tangent may have no stiffness, the step itself must be small instead.
         aimed = path.speed * ahead
         off, _ = newton.strain_of(system, found.z - guess)
         moved, _ = newton.strain_of(system, found.z - path.z)
-        near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (from_start & (moved <= settings.move))
+        near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (first_step & (moved <= settings.move))
         good = (found.status == Status.CONVERGED) & (near | at_start)
         rate, speed = tangent_of_path(found, t)
         known = jnp.all(jnp.isfinite(rate))
@@ -123,7 +123,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
             K=jnp.where(good, found.K, path.K),
             rate=jnp.where(good, rate, path.rate),
             speed=jnp.where(good, speed, path.speed),
-            slowing=jnp.where(good, jnp.where(from_start | at_start, 1e-9, slowing), path.slowing),
+            slowing=jnp.where(good, jnp.where(first_step, 1e-9, slowing), path.slowing),
             # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
             dt=jnp.where(good, jnp.maximum(next_dt, settings.min_step), retry),
             reason=jnp.where(

@@ -91,12 +91,16 @@ def solve(
     inputs: Inputs,
     tolerance: Array,
     stiffening: Array,
+    near: Array,
     settings: Settings,
 ) -> Iterate:
     """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most `tolerance`.
 
     stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular tangent from dividing by zero,
     more bounds the correction (and the tangent of the path) where a mode has no stiffness.
+
+    near: the start is known to be near, so that only full corrections are taken that shrink by half or more. Whatever
+    needs damping there is on its way to another equilibrium.
 
     One loop: look at a trial point, then either take it and find the next correction, or halve the step. The first
     trial is z itself.
@@ -117,7 +121,8 @@ def solve(
         admissible = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
         simplified, _ = strain_of(system, s.factors.solve(r))
         # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
-        taken = admissible & (begin | (simplified <= (1.0 - 0.25 * s.alpha) * s.size + 1e-13))
+        shrink = jnp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
+        taken = admissible & (begin | (simplified <= shrink * s.size + 1e-13))
 
         G = linear.modulus(system, scale, K, z)
         factors = linear.factorise(scale, K, 0.1 * linear.stress_residual(system, scale, r) + stiffening * G)
@@ -138,7 +143,7 @@ def solve(
             status=jnp.where(jnp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
             history=s.history.at[iteration].set(residual),
         )
-        lost = begin | (s.alpha < 1e-3)
+        lost = begin | near | (s.alpha < 1e-3)
         shorter = s._replace(alpha=0.5 * s.alpha, status=jnp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
         return jax.tree.map(lambda new, old: jnp.where(taken, new, old), further, shorter)
 
