@@ -95,4 +95,4 @@ def choice(name: str, value: str, valid: list[str]) -> str:
 
 
 def _shape(shape: tuple[int | None, ...]) -> str:
-    return "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")" if shape else "() (a scalar)"
+    return str(tuple("n" if n is None else n for n in shape)).replace("'", "") if shape else "() (a scalar)"

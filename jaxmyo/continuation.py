@@ -24,7 +24,7 @@ class Solution(NamedTuple):
     z: unknowns; inputs: the inputs that z belongs to; reached: fraction t of the path; residual: relative residual;
     force_residual [mN], constraint_residual [–]; status: see `Status`; steps, rejected, iterations: counts;
     history: relative residuals of the last Newton loop, 0 beyond its end;
-    negative, zero: eigenvalue counts, see `linear.inertia`.
+    negative, zero: eigenvalue counts, see `linear.inertia`; −1 where nothing was solved.
     """
 
     z: Array
@@ -49,6 +49,7 @@ class _Path(NamedTuple):
     K: Array
     rate: Array  # dz/dt along the path
     speed: Array  # root-mean-square strain of the body per t, along the tangent
+    sign: Array  # of the determinant of the tangent
     slowing: Array  # c ≥ 0 of speed ∝ 1/(1 + c t), from the last two speeds
     dt: Array
     reason: Array  # why the last step was rejected
@@ -105,13 +106,15 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         aimed = path.speed * ahead
         off, _ = newton.strain_of(system, found.z - guess)
         moved, _ = newton.strain_of(system, found.z - path.z)
-        near = (off <= jnp.maximum(0.5 * aimed, 0.2 * settings.move)) | (first_step & (moved <= settings.move))
-        good = (found.status == Status.CONVERGED) & (near | at_start)
+        near = (off <= jnp.maximum(0.5 * aimed, 0.05 * settings.move)) | (first_step & (moved <= settings.move))
+        # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which.
+        passed = ~first_step & (found.factors.sign != path.sign) & (aimed > 0.05 * settings.move)
+        good = (found.status == Status.CONVERGED) & ((near & ~passed) | at_start)
         rate, speed = tangent_of_path(found, t)
         known = jnp.all(jnp.isfinite(rate))
         rate, speed = jnp.where(known, rate, 0.0), jnp.where(known, speed, 0.0)
         # Aim at half of the correction that is accepted.
-        growth = jnp.clip(0.5 * jnp.maximum(0.5 * aimed, 0.2 * settings.move) / jnp.maximum(off, 1e-12), 0.1, 10.0)
+        growth = jnp.clip(0.5 * jnp.maximum(0.5 * aimed, 0.05 * settings.move) / jnp.maximum(off, 1e-12), 0.1, 10.0)
         growth = jnp.where(found.iteration > 8, jnp.minimum(growth, 1.0), growth)
         slowing = jnp.maximum((path.speed / jnp.maximum(speed, 1e-9) - 1.0) / jnp.maximum(taken, 1e-12), 1e-9)
         next_dt = jnp.minimum(jnp.where(at_start, 1.0, growth * taken), settings.move / jnp.maximum(speed, 1e-9))
@@ -123,6 +126,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
             K=jnp.where(good, found.K, path.K),
             rate=jnp.where(good, rate, path.rate),
             speed=jnp.where(good, speed, path.speed),
+            sign=jnp.where(good, found.factors.sign, path.sign),
             slowing=jnp.where(good, jnp.where(first_step, 1e-9, slowing), path.slowing),
             # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
             dt=jnp.where(good, jnp.maximum(next_dt, settings.min_step), retry),
@@ -146,6 +150,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         K=jnp.zeros((system.size, system.size)),
         rate=jnp.zeros_like(z),
         speed=jnp.array(0.0),
+        sign=jnp.array(0.0),
         slowing=jnp.array(1e-9),
         dt=jnp.array(1.0),
         reason=jnp.array(Status.TOO_MANY_STEPS),
@@ -171,8 +176,8 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         rejected=last.rejected,
         iterations=last.iterations,
         history=last.history,
-        negative=negative,
-        zero=zeros,
+        negative=jnp.where(valid, negative, -1),
+        zero=jnp.where(valid, zeros, -1),
     )
 
 

@@ -64,6 +64,12 @@ class Factors(NamedTuple):
         """The solution x of (K + μ·metric) x = b."""
         return jsl.lu_solve((self.lu, self.pivots), b)
 
+    @property
+    def sign(self) -> Array:
+        """The sign of the determinant, ±1: it flips where an odd number of modes gain or lose stability."""
+        swaps = jnp.sum(self.pivots != jnp.arange(len(self.pivots), dtype=self.pivots.dtype))
+        return jnp.prod(jnp.sign(jnp.diagonal(self.lu))) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
+
 
 def factorise(scale: Scales, K: Array, mu: Array) -> Factors:
     """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
@@ -75,6 +81,10 @@ def inertia(system: System, scale: Scales, K: Array, z: Array) -> tuple[Array, A
 
     The saddle matrix [[A, Bᵀ], [B, 0]] with m independent constraints has m negative eigenvalues more than A has on the
     kernel of B. It is scaled by a congruence, which leaves the signs. With follower loads, its symmetric part is taken.
+
+    This is the inertia of the discrete body, which holds det F = 1 in the mean of each element only. Deformations that
+    vary inside an element feel −½ p (I3 − 1) as it stands, and may count as unstable where the continuous body is
+    stable: ½ μ (I1 − 3) at rest does, ½ μ (I1 − 3 − ln I3), the same body with another pressure, does not.
     """
     n_u = system.n_u
     G = modulus(system, scale, K, z)

@@ -32,6 +32,11 @@ class Mesh:
             raise ValueError(
                 f"cells must be integers of shape (n, 8), hexahedra in VTK order; got {cells.dtype} of {cells.shape}"
             )
+        if not len(cells):
+            raise ValueError("cells is empty: a mesh needs at least one hexahedron")
+        for name, quads in self.faces.items():
+            if np.ndim(quads) != 2 or np.shape(quads)[1] != 4:
+                raise ValueError(f"faces[{name!r}] must have shape (n, 4), quads; got {np.shape(quads)}")
         for name, nodes in {"cells": cells, **{f"faces[{k!r}]": np.asarray(v) for k, v in self.faces.items()}}.items():
             if nodes.size and (nodes.min() < 0 or nodes.max() >= len(points)):
                 raise ValueError(f"{name} has node numbers {nodes.min()}..{nodes.max()} outside 0..{len(points) - 1}")

@@ -41,6 +41,11 @@ class Scene:
             raise ValueError(f"quadrature = {self.quadrature} must be an integer in [1, 8] (points per direction)")
         object.__setattr__(self, "constants", checks.finite_tree("constants", self.constants))
         object.__setattr__(self, "supports", tuple(self.supports))
+        for support in self.supports:
+            if not isinstance(support, Tie):
+                raise TypeError(
+                    f"supports must be Symmetry, Displacement, Stretch, Planar or Homogeneous; got {support!r}"
+                )
         shape = (len(self.mesh.cells), self.quadrature**3)
         f, cf = _directions("fibre", self.fibre, shape), _directions("cross", self.cross, shape)
         dot = np.einsum("egi,egi->eg", f, cf)
@@ -64,7 +69,10 @@ class Scene:
 
 
 def _directions(name: str, value: Any, shape: tuple[int, int]) -> NDArray[np.float64]:
-    array = np.asarray(value, dtype=np.float64)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} must be numbers, unit vectors; got {value!r}") from error
     if array.shape not in ((3,), (shape[0], 3), (*shape, 3)):
         raise ValueError(
             f"{name} must have shape (3,), ({shape[0]}, 3) per element or {(*shape, 3)} per quadrature point; "

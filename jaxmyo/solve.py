@@ -11,7 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmyo import checks, continuation, lagrangian
-from jaxmyo.conditions import Condition, Stretch, Traction
+from jaxmyo.conditions import Condition, Stretch, Tie, Traction
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
@@ -67,6 +67,9 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
     """
     if not checks.is_traced(state.status) and not bool(jnp.all(state.status == Status.CONVERGED)):
         raise ValueError(f"state is not a converged free contraction: {state.message}")
+    for c in conditions:
+        if not isinstance(c, Tie | Traction):
+            raise TypeError(f"a condition must be Stretch, Displacement, Planar, Homogeneous or Traction; got {c!r}")
     scene = state.scene
     tractions = [c for c in conditions if isinstance(c, Traction)]
     ties = scene.kinematics(tuple(c for c in conditions if not isinstance(c, Traction)))
@@ -75,7 +78,7 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, nominal=nominal, cauchy=cauchy)
     # At the start of the path the body is just state A: what the ties cannot express of it is an offset that fades.
     u = state.u.reshape(-1)
-    z_u = _reduce(ties, u)
+    z_u = _reduce(ties, u - jnp.where(jnp.isfinite(ties.offset), ties.offset, 0.0))
     held = u - ties.scale * z_u[ties.index] if ties.size else u
     start = end._replace(offset=held, nominal=jnp.zeros_like(nominal), cauchy=jnp.zeros_like(cauchy))
     stretches = [
@@ -86,9 +89,9 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
 
 
 def _reduce(ties: Ties, u: Array) -> Array:
-    """The unknown displacements (size,) that fit the full ones (n_dof,) best: a mean over the nodes tied together."""
+    """The unknowns (size,) that fit displacements less the offset (n_dof,) best: a mean over tied nodes."""
     norm = np.bincount(ties.index, ties.scale**2, minlength=ties.size)[: ties.size]
-    total = jnp.zeros(max(ties.size, 1)).at[ties.index].add(ties.scale * (u - ties.offset))
+    total = jnp.zeros(max(ties.size, 1)).at[ties.index].add(ties.scale * u)
     return total[: ties.size] / norm
 
 
@@ -97,11 +100,12 @@ def _tractions(scene: Scene, tractions: Sequence[Traction]) -> tuple[np.ndarray,
     for c in tractions:
         own = scene.mesh.face(c.face)
         checks.choice("measure", c.measure, ["nominal", "cauchy"])
-        vector = checks.finite_tree(f"Traction({c.face!r})", c.vector)
-        if isinstance(vector, list | tuple):
-            vector = jnp.stack(vector)
+        name = f"Traction({c.face!r})"
+        vector = (
+            jnp.asarray(c.vector, dtype=float) if checks.is_traced(c.vector) else checks.concrete(name, c.vector, (3,))
+        )
         if vector.shape != (3,):
-            raise ValueError(f"Traction({c.face!r}): vector must have shape (3,) (kPa); got {vector.shape}")
+            raise ValueError(f"{name} must have shape (3,) (kPa); got {vector.shape}")
         on_all = jnp.broadcast_to(vector[None], (len(own), 3))
         quads.append(own)
         nominal.append(on_all if c.measure == "nominal" else jnp.zeros_like(on_all))

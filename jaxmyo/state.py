@@ -47,7 +47,7 @@ class State:
     converged); residual: relative; force_residual [mN]; constraint_residual [–]; history: relative residuals of the
     last Newton loop, 0 beyond its end; steps, rejected, iterations: counts; negative_eigenvalues: of the second
     variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of the saddle matrix, > 0 where a mode
-    has no stiffness.
+    has no stiffness; both −1 where an invalid input kept the solve from starting.
     """
 
     scene: Scene = field(metadata={"static": True})

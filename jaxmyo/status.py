@@ -25,17 +25,18 @@ _MEANING = {
         "a_over_D in [0, 1/4], stretches in (0.2, 5), and that constants and tractions are finite"
     ),
     Status.NO_DESCENT: (
-        "no step length reduced the residual, however small the load step: every trial inverted an element, overflowed "
-        "the energy, or led away from equilibrium. There is probably no equilibrium beyond this load (a limit point); "
-        "try a smaller load, or prescribe a displacement instead of a traction"
+        "no correction shrank the residual, however small the load step: every trial inverted an element, overflowed "
+        "the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. There is probably no "
+        "equilibrium beyond this load (a limit point); try a smaller load, or prescribe a displacement instead of a "
+        "traction"
     ),
     Status.TOO_MANY_ITERATIONS: (
         "Newton's iterations ran out at the smallest load step. The state is close to a limit point or a bifurcation; "
         "try a smaller load, or prescribe a displacement instead of a traction"
     ),
     Status.SINGULAR: (
-        "the tangent is singular. A mode without stiffness is free, or constraints are redundant; check the supports, "
-        "and the law's stiffness at this state"
+        "the tangent is singular, or too large for float64 (exp Q at large strain). A mode without stiffness is free, "
+        "or constraints are redundant; check the supports, the load, and the law's stiffness at this state"
     ),
     Status.BRANCH_LEFT: (
         "however small the load step, the body left the tangent of its path: the branch ends here, and the next "

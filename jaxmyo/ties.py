@@ -94,7 +94,10 @@ def _value(mesh: Mesh, c: Displacement | Stretch) -> Array:
     if isinstance(c, Stretch):
         length = float(mesh.extent[AXES.index(checks.choice("axis", c.axis, list(AXES)))])
         return (checks.scalar(f"Stretch({c.axis!r})", c.value, "stretch") - 1.0) * length
-    return checks.finite_tree(f"Displacement({c.face!r}, {c.axis!r})", c.value)
+    name = f"Displacement({c.face!r}, {c.axis!r})"
+    if jnp.ndim(c.value) != 0:
+        raise ValueError(f"{name}: value must be a scalar (mm); got shape {jnp.shape(c.value)}")
+    return checks.finite_tree(name, c.value)
 
 
 def _same(a: Array, b: Array) -> bool:

@@ -27,8 +27,14 @@ def thin_sample(
     2×2×2 Gauss points; distortion displaces its inner nodes by up to that fraction of an element (a patch test).
     """
     if elements is None:
-        return Scene(box(LENGTHS, (1, 1, 1)), law, constants, supports=(Homogeneous(),), quadrature=quadrature or 1)
+        return Scene(
+            box(LENGTHS, (1, 1, 1)),
+            law,
+            constants,
+            supports=(Homogeneous(),),
+            quadrature=1 if quadrature is None else quadrature,
+        )
     mesh = box(LENGTHS, elements)
     mesh = jitter(mesh, distortion, seed=0) if distortion else mesh
     supports = (Symmetry("x"), Symmetry("y"), Symmetry("z"))
-    return Scene(mesh, law, constants, supports=supports, quadrature=quadrature or 2)
+    return Scene(mesh, law, constants, supports=supports, quadrature=2 if quadrature is None else quadrature)
