@@ -102,13 +102,12 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         stiffening = jnp.where(at_start, 1e-4, 1e-13)
         found = newton.solve(system, scale, guess, between(start, end, t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
-        # step may make. From rest, where the tangent may have no stiffness, the step itself must be small instead.
+        # step may make.
         aimed = path.speed * ahead
         off, _ = newton.strain_of(system, found.z - guess)
-        moved, _ = newton.strain_of(system, found.z - path.z)
-        near = (off <= jnp.maximum(0.5 * aimed, 0.05 * settings.move)) | (first_step & (moved <= settings.move))
+        near = off <= jnp.maximum(0.5 * aimed, 0.05 * settings.move)
         # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which.
-        passed = ~first_step & (found.factors.sign != path.sign) & (aimed > 0.05 * settings.move)
+        passed = (found.factors.sign != path.sign) & (aimed > 0.05 * settings.move)
         good = (found.status == Status.CONVERGED) & ((near & ~passed) | at_start)
         rate, speed = tangent_of_path(found, t)
         known = jnp.all(jnp.isfinite(rate))
