@@ -1,21 +1,31 @@
 """States of the homogeneous thin sample with and without the weave, and the few numbers that tell of each."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from threading import Lock
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
-from jaxmyo.scene import Scene
+from jaxmyo.scenes import thin_sample
 from jaxmyo.solve import contract
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status, explain
 
 #: The programs of the paper run for milliseconds and compile for seconds: the compiler's cheapest settings.
 COMPILER_OPTIONS: dict[str, str | bool] = {"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": False}
+
+#: The scene of all of them: one object, so that its states can be joined.
+SAMPLE = thin_sample()
+
+_BATCH = 48
+_COMPILING = Lock()  # a second thread waits for the compiled programs rather than compiling them again
 
 #: Where states come with and without the constraint of the weave, they come in this order.
 CONSTRAINT = (True, False)
@@ -63,22 +73,40 @@ def point(state: State) -> Point:
     )
 
 
-def contractions(scene: Scene, constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
+def contractions(constants: Any, T0: ArrayLike, a_over_D: ArrayLike, beta: ArrayLike) -> State:
     """Free contractions A of n samples with and without the weave, as one batch (2n,) ready to be loaded.
 
-    T0 [kPa], a_over_D, beta: (n,). First the n states with the weave, then the n without it. In both the multiplier q
-    is left behind; its tensions T_A are what state C starts from (0 without the weave).
+    T0 [kPa], a_over_D, beta: (n,), n ≤ 48. First the n states with the weave, then the n without it. In both the
+    multiplier q is left behind; its tensions T_A are what state C starts from (0 without the weave).
     """
+    n = np.size(T0)
+    fill = [*range(n), *[0] * (_BATCH - n)]  # one size for all, so that two compiled programs serve every caller
+    arguments = (constants, *(np.asarray(x, dtype=np.float64)[fill] for x in (T0, a_over_D, beta)))
+    with _COMPILING, ThreadPoolExecutor(2) as pool:
+        acting, absent = pool.map(lambda program: program(*arguments), (_with_weave, _without_weave))
+    # In NumPy, where cutting and joining some thirty arrays needs no compilation.
+    return jax.tree.map(
+        lambda *leaves: np.concatenate([np.asarray(leaf)[:n] for leaf in leaves]),
+        replace(acting, system=absent.system),
+        absent,
+    )
 
-    def with_weave(T0: Array, a_over_D: Array, beta: Array) -> State:
-        A = contract(scene, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False)
+
+@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+def _with_weave(constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
+    def one(T0: Array, a_over_D: Array, beta: Array) -> State:
+        A = contract(SAMPLE, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False)
         return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf))
 
-    def without(T0: Array, beta: Array) -> State:
-        return contract(scene, T0=T0, a_over_D=None, beta=beta, constants=constants, throw=False)
+    return jax.vmap(one)(T0, a_over_D, beta)
 
-    acting, absent = jax.vmap(with_weave)(T0, a_over_D, beta), jax.vmap(without)(T0, beta)
-    return join(replace(acting, system=absent.system), absent)
+
+@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+def _without_weave(constants: Any, T0: Array, _: Array, beta: Array) -> State:
+    def one(T0: Array, beta: Array) -> State:
+        return contract(SAMPLE, T0=T0, a_over_D=None, beta=beta, constants=constants, throw=False)
+
+    return jax.vmap(one)(T0, beta)
 
 
 def join(*batches: Any) -> Any:

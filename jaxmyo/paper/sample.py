@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo.conditions import AXES, Axis, Stretch
@@ -22,8 +21,8 @@ from jaxmyo.paper.homogeneous import (
     solved,
     worst,
 )
-from jaxmyo.scenes import thin_sample
 from jaxmyo.solve import load
+from jaxmyo.state import State
 
 T0_KPA = 35.0
 A_OVER_D = 0.2
@@ -73,11 +72,13 @@ class Sample:
 
 
 def sample(constants: Any) -> Sample:
-    """The free contraction and the uniaxial tests with a set of constants of the Lin–Yin law, in one batched solve.
+    """The free contraction and the uniaxial tests with a set of constants of the Lin–Yin law, as batched solves.
 
     A `SolveError` if one of the states is not found.
     """
-    free, uniaxial = _states(constants_as_arrays(constants), activation(S))
+    n = len(S)
+    A = contractions(constants_as_arrays(constants), np.full(n, T0_KPA), np.full(n, A_OVER_D), activation(S))
+    free, uniaxial = _states(A)
     kinds = ["with the constraint" if c else "without the constraint" for c in CONSTRAINT]
     of_free = [f"state A at s = {s:g} {kind}" for kind in kinds for s in S]
     of_uniaxial = [
@@ -93,10 +94,9 @@ def sample(constants: Any) -> Sample:
 
 
 @partial(jax.jit, compiler_options=COMPILER_OPTIONS)
-def _states(constants: Any, beta: Array) -> tuple[Point, Point]:
+def _states(free: State) -> tuple[Point, Point]:
     """States A: constraint × β; states C: direction × constraint × (β = 1, 0) × stretch; each as one leading axis."""
-    n = len(beta)
-    free = contractions(thin_sample(), constants, jnp.full(n, T0_KPA), jnp.full(n, A_OVER_D), beta)
+    n = len(S)
     # Each of the four contractions that the tests start from, once per stretch.
     starts = np.repeat([HALF, REST, n + HALF, n + REST], N_STRETCHES)
     start = jax.tree.map(lambda leaf: leaf[starts], free)

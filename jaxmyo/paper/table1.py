@@ -5,9 +5,7 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxmyo.conditions import Stretch
 from jaxmyo.paper.homogeneous import (
@@ -20,8 +18,8 @@ from jaxmyo.paper.homogeneous import (
     solved,
     worst,
 )
-from jaxmyo.scenes import thin_sample
 from jaxmyo.solve import load
+from jaxmyo.state import State
 
 STRETCH = 1.2
 T0_KPA = (5.0, 15.0, 25.0, 35.0, 45.0)
@@ -97,7 +95,7 @@ class Table:
 
 
 def table1(constants: Any) -> Table:
-    """Table 1 with a set of constants of the Lin–Yin law, from the element, in one batched solve.
+    """Table 1 with a set of constants of the Lin–Yin law, from the element, as batched solves.
 
     A `SolveError` if one of the states is not found: no entry comes from an unconverged state.
     """
@@ -108,7 +106,8 @@ def table1(constants: Any) -> Table:
         f"T0 = {T0:g} kPa, no constraint" for _, T0 in cases
     ]
     names = [f"state {state} of {kind}" for state in "AC" for kind in kinds]
-    states = solved(_states(constants_as_arrays(constants), T0, a_over_D), names).shaped(2, 2, len(cases))
+    free = contractions(constants_as_arrays(constants), T0, a_over_D, np.ones_like(T0))
+    states = solved(_states(free), names).shaped(2, 2, len(cases))
     rows = []
     for i, a in enumerate(A_OVER_D):
         for j, T0_ in enumerate(T0_KPA):
@@ -137,8 +136,7 @@ def _row(a_over_D: float | None, T0: float, A: Point, C: Point, printed_ratio: f
 
 
 @partial(jax.jit, compiler_options=COMPILER_OPTIONS)
-def _states(constants: Any, T0: Array, a_over_D: Array) -> Point:
-    """Of n cases: the states A with the weave, then without, then the states C in the same order: (4n,)."""
-    free = contractions(thin_sample(), constants, T0, a_over_D, jnp.ones_like(T0))
+def _states(free: State) -> Point:
+    """Of the n states A: themselves, then the states C in the same order: (2n,)."""
     stretched = jax.vmap(lambda A: load(A, Stretch("x", STRETCH), Stretch("y", STRETCH), throw=False))(free)
     return join(jax.vmap(point)(free), jax.vmap(point)(stretched))
