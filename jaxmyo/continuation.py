@@ -60,30 +60,41 @@ class _Path(NamedTuple):
     iterations: Array
 
 
-def between(start: Any, end: Any, t: Array) -> Any:
-    """The inputs at the fraction t of the way; exactly the end at t = 1."""
-    return jax.tree.map(lambda a, b: jnp.where(t >= 1.0, b, a + t * (b - a)), start, end)
+def between(start: Any, end: Any, fraction: Array) -> Any:
+    """The inputs at a fraction of the way; exactly the end at 1."""
+    return jax.tree.map(lambda a, b: jnp.where(fraction >= 1.0, b, a + fraction * (b - a)), start, end)
 
 
-def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings) -> Solution:
+def follow(
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings, *, from_rest: bool
+) -> Solution:
     """Follow the equilibrium from z at the inputs `start` to the inputs `end`.
 
     `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
-    rest, the pressure of a law whose stress is p I there is found so).
+    rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
+    load near rest, so the load then grows like t³.
     """
     scale = linear.scales(system)
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
     start, end = jax.tree.map(lambda x: jnp.where(valid | jnp.isfinite(x), x, 0.0), (start, end))
 
+    def inputs_at(t: Array) -> Inputs:
+        return between(start, end, fraction(t))
+
+    def fraction(t: Array) -> Array:
+        return jnp.where(t >= 1.0, 1.0, 0.01 * t + 0.99 * t**3) if from_rest else t
+
     def tangent_of_path(found: newton.Iterate, t: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
         _, by_t = jax.jvp(
-            lambda t: lagrangian.residual(system, found.z, between(start, end, t)),
-            (jnp.minimum(t, 1.0 - 1e-9),),
-            (1.0,),
+            lambda t: lagrangian.residual(system, found.z, inputs_at(t)), (jnp.minimum(t, 1.0 - 1e-9),), (1.0,)
         )
         rate = -found.factors.solve(by_t)
-        dF = lagrangian.deformation_gradients(system, rate, _rate(start, end)) - jnp.eye(3)[None, None]
+        _, dF = jax.jvp(
+            lambda z, t: lagrangian.deformation_gradients(system, z, inputs_at(t)),
+            (found.z, jnp.minimum(t, 1.0 - 1e-9)),
+            (rate, 1.0),
+        )
         square = jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight)
         return rate, jnp.sqrt(square)
 
@@ -100,7 +111,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         guess = path.z + ahead * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = jnp.where(at_start, 1e-4, 1e-13)
-        found = newton.solve(system, scale, guess, between(start, end, t), tolerance, stiffening, ~first_step, settings)
+        found = newton.solve(system, scale, guess, inputs_at(t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
         aimed = path.speed * ahead
@@ -160,7 +171,7 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         iterations=zero,
     )
     last = jax.lax.while_loop(keep_going, step, newton.batched_as(valid, first))
-    reached = jnp.maximum(last.t, 0.0)
+    reached = fraction(jnp.maximum(last.t, 0.0))
     negative, zeros = linear.inertia(system, scale, last.K, last.z)
     status = jnp.where(last.t >= 1.0, Status.CONVERGED, last.reason)
     return Solution(
@@ -178,8 +189,3 @@ def follow(system: System, z: Array, start: Inputs, end: Inputs, valid: Array, s
         negative=jnp.where(valid, negative, -1),
         zero=jnp.where(valid, zeros, -1),
     )
-
-
-def _rate(start: Inputs, end: Inputs) -> Inputs:
-    """d(inputs)/dt."""
-    return jax.tree.map(lambda a, b: b - a, start, end)

@@ -55,7 +55,7 @@ def contract(
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros((0, 3))
     end = Inputs(use, T0_, a_over_D_, beta_, tensions, tensions, ties.offset, none, none)
     rest = end._replace(beta=jnp.zeros_like(beta_))
-    return _solve(scene, system, jnp.zeros(system.size), rest, end, valid, settings, throw)
+    return _solve(scene, system, jnp.zeros(system.size), rest, end, valid, settings, throw, from_rest=True)
 
 
 def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, throw: bool = True) -> State:
@@ -85,7 +85,7 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
     valid = jnp.all(jnp.stack([checks.tree_is_finite(end), state.converged, *stretches]))
-    return _solve(scene, system, jnp.concatenate([z_u, state.p]), start, end, valid, settings, throw)
+    return _solve(scene, system, jnp.concatenate([z_u, state.p]), start, end, valid, settings, throw, from_rest=False)
 
 
 def _reduce(ties: Ties, u: Array) -> Array:
@@ -113,17 +113,26 @@ def _tractions(scene: Scene, tractions: Sequence[Traction]) -> tuple[np.ndarray,
     return np.concatenate(quads), jnp.concatenate(nominal), jnp.concatenate(cauchy)
 
 
-@partial(jax.jit, static_argnames="settings")
+@partial(jax.jit, static_argnames=("settings", "from_rest"))
 def _follow(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings, from_rest: bool
 ) -> continuation.Solution:
-    return continuation.follow(system, z, start, end, valid, settings)
+    return continuation.follow(system, z, start, end, valid, settings, from_rest=from_rest)
 
 
 def _solve(
-    scene: Scene, system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings, throw: bool
+    scene: Scene,
+    system: System,
+    z: Array,
+    start: Inputs,
+    end: Inputs,
+    valid: Array,
+    settings: Settings,
+    throw: bool,
+    *,
+    from_rest: bool,
 ) -> State:
-    s = _follow(system, z, start, end, valid, settings)
+    s = _follow(system, z, start, end, valid, settings, from_rest)
     n_e = len(system.cells)
     state = State(
         scene=scene,
