@@ -50,7 +50,6 @@ class _Path(NamedTuple):
     rate: Array  # dz/dt along the path
     speed: Array  # root-mean-square strain of the body per t, along the tangent
     sign: Array  # of the determinant of the tangent
-    slowing: Array  # c ≥ 0 of speed ∝ 1/(1 + c t), from the last two speeds
     dt: Array
     reason: Array  # why the last step was rejected
     residual: Array
@@ -106,15 +105,13 @@ def follow(
         t = jnp.where(at_start, 0.0, path.t + path.dt)
         t = jnp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = jnp.where(at_start, 0.0, t - path.t)
-        # Far ahead the path slows down like 1/(1 + c t): from rest, a little activation moves soft tissue a long way.
-        ahead = jnp.log1p(path.slowing * taken) / path.slowing
-        guess = path.z + ahead * path.rate
+        guess = path.z + taken * path.rate
         tolerance = jnp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = jnp.where(at_start, 1e-4, 1e-13)
         found = newton.solve(system, scale, guess, inputs_at(t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
-        aimed = path.speed * ahead
+        aimed = path.speed * taken
         off, _ = newton.strain_of(system, found.z - guess)
         near = off <= jnp.maximum(0.5 * aimed, 0.05 * settings.move)
         # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which.
@@ -126,7 +123,6 @@ def follow(
         # Aim at half of the correction that is accepted.
         growth = jnp.clip(0.5 * jnp.maximum(0.5 * aimed, 0.05 * settings.move) / jnp.maximum(off, 1e-12), 0.1, 10.0)
         growth = jnp.where(found.iteration > 8, jnp.minimum(growth, 1.0), growth)
-        slowing = jnp.maximum((path.speed / jnp.maximum(speed, 1e-9) - 1.0) / jnp.maximum(taken, 1e-12), 1e-9)
         next_dt = jnp.minimum(jnp.where(at_start, 1.0, growth * taken), settings.move / jnp.maximum(speed, 1e-9))
         retry = jnp.where(at_start, 0.0, 0.25 * taken)
         return _Path(
@@ -137,7 +133,6 @@ def follow(
             rate=jnp.where(good, rate, path.rate),
             speed=jnp.where(good, speed, path.speed),
             sign=jnp.where(good, found.factors.sign, path.sign),
-            slowing=jnp.where(good, jnp.where(first_step, 1e-9, slowing), path.slowing),
             # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
             dt=jnp.where(good, jnp.maximum(next_dt, settings.min_step), retry),
             reason=jnp.where(
@@ -161,7 +156,6 @@ def follow(
         rate=jnp.zeros_like(z),
         speed=jnp.array(0.0),
         sign=jnp.array(0.0),
-        slowing=jnp.array(1e-9),
         dt=jnp.array(1.0),
         reason=jnp.array(Status.TOO_MANY_STEPS),
         residual=jnp.array(0.0),
