@@ -1,4 +1,4 @@
-"""Claim: the free contraction solves faster than by the paper's own method, Powell's hybrid (MINPACK hybrd).
+"""How fast the free contraction is solved, beside the paper's own method, Powell's hybrid (MINPACK hybrd).
 
 The same discrete problem (unknowns, residual, precision) is solved by `scipy.optimize.root(method="hybr")` with the
 compiled residual, and by `jax.vmap(jaxmyo.contract)`. Powell's method starts at rest and applies the activation in
