@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +23,8 @@ class Scene:
     (n_elements, n_points, 3) per quadrature point; supports: ties that hold in the states A and C alike;
     quadrature: Gauss points per direction (2 is the Q1–Q0 standard; 1 is exact for a homogeneous state).
 
-    Errors: a ValueError for fibres that are not of unit length or not orthogonal, for supports that leave a rigid
-    motion free, and for names of faces that the mesh does not have.
+    Errors: a ValueError for a law that is no finite scalar at rest, for fibres that are not of unit length or not
+    orthogonal, for supports that leave a rigid motion free, and for names of faces that the mesh does not have.
     """
 
     mesh: Mesh
@@ -40,6 +42,7 @@ class Scene:
         if self.quadrature not in range(1, 9):
             raise ValueError(f"quadrature = {self.quadrature} must be an integer in [1, 8] (points per direction)")
         object.__setattr__(self, "constants", checks.finite_tree("constants", self.constants))
+        _check_law(self.law, self.constants)
         object.__setattr__(self, "supports", tuple(self.supports))
         for support in self.supports:
             if not isinstance(support, Tie):
@@ -66,6 +69,15 @@ class Scene:
                 "Add Symmetry planes or Displacement conditions until none is left."
             )
         return built
+
+
+def _check_law(law: Law, constants: Any) -> None:
+    rest = (jnp.eye(3), jnp.eye(3), jnp.zeros(()))
+    shape = jax.eval_shape(law, *rest, constants)
+    if not isinstance(shape, jax.ShapeDtypeStruct) or shape.shape != () or shape.dtype != jnp.float64:
+        raise ValueError(f"law must return one float64 energy density W (kPa), shape (); {law} returns {shape}")
+    if not checks.is_traced(constants) and not bool(jnp.isfinite(law(*rest, constants))):
+        raise ValueError(f"law is not finite at rest (C = I, beta = 0) with constants = {constants}")
 
 
 def _directions(name: str, value: Any, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -292,6 +292,20 @@ def test_face_with_unknown_nodes(cube: jm.Mesh) -> None:
         jm.Mesh(cube.points, cube.cells, {"lid": [[0, 1, 2, 9]]})
 
 
+@pytest.mark.parametrize(
+    ("law", "parts"),
+    [
+        (lambda C, frame, beta, constants: C, ("law", "(3, 3)", "shape ()")),
+        (lambda C, frame, beta, constants: (C[0, 0], C[1, 1]), ("law", "shape ()")),
+        (lambda C, frame, beta, constants: jnp.log(C[0, 0] - 1.0), ("law", "finite at rest")),
+    ],
+    ids=["tensor", "tuple", "infinite"],
+)
+def test_law_that_is_no_finite_scalar(cube: jm.Mesh, law: Any, parts: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=says(*parts)):
+        jm.Scene(cube, law, {}, supports=SUPPORTS)
+
+
 def test_face_of_wrong_shape(cube: jm.Mesh) -> None:
     with pytest.raises(ValueError, match=says("faces['lid']", "(n, 4)", "(1, 3)")):
         jm.Mesh(cube.points, cube.cells, {"lid": [[0, 1, 2]]})
