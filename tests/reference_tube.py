@@ -31,6 +31,7 @@ are complex steps of the residual. The unknowns are ``u = ln(ri / Ri)``, ``v = l
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -115,7 +116,7 @@ def _integrals(
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(ABC):
     """A deformed tube: activation beta (with T0 in kPa), inner pressure P (kPa), ``u = ln(ri/Ri)``, ``v = ln lz``."""
 
     c: Constants
@@ -144,13 +145,13 @@ class Wall:
     def _log_hoop(self, R: Number) -> Array:
         return np.asarray(self.tube.log_hoop(np.asarray(R, dtype=float), self.u, self.v))
 
+    @abstractmethod
     def T_f(self, R: Number) -> Array:
         """Pseudo-active tension along the fibre (kPa) at the undeformed radii R."""
-        raise NotImplementedError
 
+    @abstractmethod
     def T_cf(self, R: Number) -> Array:
         """Pseudo-active tension along the struts (kPa) at the undeformed radii R."""
-        raise NotImplementedError
 
     def r(self, R: Number) -> Array:
         """Deformed radii (mm) of the undeformed radii R (mm)."""
