@@ -93,7 +93,7 @@ def main():
         each, u, residual = ours(scene, T0, a_over_D)
         times, failed = powell(scene, T0[:timed], a_over_D[:timed], u[:timed])
         system = jm.contract(scene, T0=1.0, a_over_D=0.2).system
-        median = f"{1e3 * np.median(times):.3g} | {np.median(times) / each:.0f}" if len(times) else "– | –"
+        median = f"{1e3 * np.median(times):.3g} | {np.median(times) / each:.2g}" if len(times) else "– | –"
         own = f"{system.size} | {batch} | {1e3 * each:.3g} | {residual:.0e}"
         print(f"| {name} | {own} | {median} | {failed} of {timed} |", flush=True)
 
