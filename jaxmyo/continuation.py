@@ -21,7 +21,7 @@ from jaxmyo.status import Status
 class Solution(NamedTuple):
     """The end of a path: the last converged state and what was spent.
 
-    z: unknowns; inputs: the inputs that z belongs to; reached: fraction t of the path; residual: relative residual;
+    z: unknowns; inputs: the inputs that z belongs to; reached: fraction of the load; residual: relative residual;
     force_residual [mN], constraint_residual [–]; status: see `Status`; steps, rejected, iterations: counts;
     history: relative residuals of the last Newton loop, 0 beyond its end;
     negative, zero: eigenvalue counts, see `linear.inertia`; −1 where nothing was solved.
@@ -144,7 +144,7 @@ def follow(
             history=jnp.where(good, found.history, path.history),
             steps=path.steps + 1,
             rejected=path.rejected + jnp.where(good, 0, 1),
-            iterations=path.iterations + found.iteration,
+            iterations=path.iterations + jnp.maximum(found.iteration, 0),  # −1: the guess itself was refused
         )
 
     zero = jnp.array(0)

@@ -77,6 +77,11 @@ class System:
         """Multipliers per element: p, and q where the weave acts."""
         return 2 if self.weave else 1
 
+    @property
+    def local_u(self) -> Array:
+        """(n_elements, n_local) positions in z of the displacements that each element feels."""
+        return self.local[:, : self.local.shape[1] - self.multipliers]
+
     def displacements(self, z: Array, inputs: Inputs) -> Array:
         """Nodal displacements (n_nodes, 3) [mm] of the unknowns z."""
         if not self.n_u:
@@ -169,7 +174,7 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
 def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tuple[Array, Array]:
     F = deformation_gradients(system, z, inputs)
     n_m = system.multipliers
-    n_local = system.local.shape[1] - n_m
+    n_local = system.local_u.shape[1]
 
     def element(gradient: Array, weight: Array, multipliers: Array, *at_points: Array) -> tuple[Array, Array]:
         # The columns of a point's variables (F, multipliers) by the element's unknowns.

@@ -25,7 +25,7 @@ class Scales(NamedTuple):
 def scales(system: System) -> Scales:
     """The scales of a system; they depend on the mesh and the ties only."""
     n, n_u = system.size, system.n_u
-    own = system.local[:, : system.local.shape[1] - system.multipliers]
+    own = system.local_u
     weights = system.weight[:, :, None, None]
     local = jnp.einsum("gkia,gkib->gab", weights * system.gradient, system.gradient)
     metric = jnp.zeros((n, n)).at[own[:, :, None], own[:, None, :]].add(local)

@@ -69,8 +69,7 @@ def relative_residual(system: System, scale: linear.Scales, z: Array, r: Array, 
 
 def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
     """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns."""
-    own = system.local[:, : system.local.shape[1] - system.multipliers]
-    dF = jnp.einsum("egia,ea->egi", system.gradient, dz[own])
+    dF = jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u])
     square = jnp.sum(dF**2, axis=-1)
     return jnp.sqrt(jnp.sum(system.weight * square) / jnp.sum(system.weight)), jnp.sqrt(jnp.max(square))
 

@@ -16,7 +16,7 @@ from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
-from jaxmyo.status import SolveError, Status
+from jaxmyo.status import SolveError
 from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
@@ -65,7 +65,11 @@ def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, thr
     the tractions, on the branch that starts at A. conditions: `Stretch`, `Displacement`, `Planar`, `Traction`; what is
     not prescribed is free. throw: as in `contract`.
     """
-    if not checks.is_traced(state.status) and not bool(jnp.all(state.status == Status.CONVERGED)):
+    if jnp.ndim(state.status):
+        raise TypeError(
+            f"state is a batch of shape {jnp.shape(state.status)}; load each with jax.vmap, or one by state[i]"
+        )
+    if not checks.is_traced(state.status) and not bool(state.converged):
         raise ValueError(f"state is not a converged free contraction: {state.message}")
     for c in conditions:
         if not isinstance(c, Tie | Traction):

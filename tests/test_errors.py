@@ -183,6 +183,13 @@ def test_traction_that_is_not_finite(state: jm.State) -> None:
         jm.load(state, jm.Traction("x1", (1.0, np.nan, 0.0)))
 
 
+def test_loading_a_batch() -> None:
+    A = jm.contract(sample(), T0=5.0, a_over_D=0.2)
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), A)
+    with pytest.raises(TypeError, match=says("state", "batch", "(2,)", "jax.vmap")):
+        jm.load(batch, jm.Stretch("x", 1.1))
+
+
 def test_condition_of_unknown_kind(state: jm.State) -> None:
     with pytest.raises(TypeError, match=says("'x1'", "Stretch", "Traction")):
         jm.load(state, "x1")
