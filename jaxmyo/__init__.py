@@ -4,38 +4,68 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 """
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
-from jaxmyo.conditions import Displacement, Homogeneous, Planar, Stretch, Symmetry, Traction
+from jaxmyo.conditions import (
+    Displacement,
+    Homogeneous,
+    Planar,
+    Pressure,
+    Proportional,
+    Spring,
+    Stretch,
+    Symmetry,
+    Traction,
+    Uniform,
+)
 from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
+from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
+from jaxmyo.cycle import Cycle, cycle
 from jaxmyo.energies import lin_yin
-from jaxmyo.mesh import Mesh, box
+from jaxmyo.mesh import Mesh, box, structured
 from jaxmyo.newton import Settings
+from jaxmyo.patches import blocks, columns
 from jaxmyo.scene import Scene
-from jaxmyo.scenes import thin_sample
+from jaxmyo.scenes import axisymmetric_tube, radial_tube, thin_sample, tube_sector
 from jaxmyo.solve import contract, load
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 
 __all__ = [
+    "CARTESIAN",
+    "CYLINDRICAL",
     "MEASURED",
     "PRINTED",
     "SETS",
     "TABLE1",
+    "Coordinates",
+    "Cycle",
     "Displacement",
     "Homogeneous",
     "LinYin",
     "Mesh",
     "Planar",
+    "Pressure",
+    "Proportional",
     "Scene",
     "Settings",
     "SolveError",
+    "Spring",
     "State",
     "Status",
     "Stretch",
     "Symmetry",
     "Traction",
+    "Uniform",
+    "axisymmetric_tube",
+    "blocks",
     "box",
+    "columns",
     "contract",
+    "cycle",
     "lin_yin",
     "load",
+    "prolate_spheroidal",
+    "radial_tube",
+    "structured",
     "thin_sample",
+    "tube_sector",
 ]

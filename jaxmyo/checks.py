@@ -19,8 +19,9 @@ RANGES = {
     "T0": (0.0, float("inf"), "kPa, the beating tension"),
     "a_over_D": (0.0, 0.25, "–, fibre radius over D = 4a + d; ¼ is where neighbouring cells touch"),
     "stretch": (0.2, 5.0, "–, deformed over reference length"),
+    "weave_stiffness": (0.0, float("inf"), "kPa, the stiffness k of the weave; None for the exact constraint"),
 }
-_OPEN = {"stretch"}  # ranges whose ends are excluded
+_OPEN = {"stretch", "weave_stiffness"}  # ranges whose ends are excluded
 
 
 def is_traced(value: Any) -> bool:
@@ -85,6 +86,18 @@ def finite_tree(name: str, tree: Any) -> Any:
 def tree_is_finite(tree: Any) -> Array:
     """Whether every number of a pytree is finite, as a traced boolean."""
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)] or [jnp.array(True)]))
+
+
+def counts(name: str, value: Any, n: int) -> tuple[int, ...]:
+    """n integers ≥ 1, or an error that names the argument."""
+    if np.shape(value) != (n,) or any(int(v) != v or v < 1 for v in value):
+        raise ValueError(f"{name} = {value} must be {n} integers ≥ 1")
+    return tuple(int(v) for v in value)
+
+
+def same_structure(a: Any, b: Any) -> bool:
+    """Whether two pytrees have the same structure, static fields included."""
+    return bool(jax.tree.structure(a) == jax.tree.structure(b))  # type: ignore[operator]
 
 
 def choice(name: str, value: str, valid: list[str]) -> str:

@@ -1,7 +1,8 @@
-"""What is prescribed to a body: supports, prescribed displacements and stretches, tractions.
+"""What is prescribed to a body: ties (supports, prescribed motion), tractions, pressures, springs.
 
 All are small pytrees: their values may be traced (`vmap`, `grad`), their face names and axes are static.
-Axes are the Cartesian directions "x", "y", "z".
+Axes are the names of the body's world coordinates: "x", "y", "z", or "r", "phi", "z"; values along them are in mm
+or rad.
 """
 
 from dataclasses import dataclass, field
@@ -10,21 +11,18 @@ from typing import Literal
 import jax
 from jax.typing import ArrayLike
 
-Axis = Literal["x", "y", "z"]
-AXES = ("x", "y", "z")
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Displacement:
-    """The displacement component `axis` of all nodes of a face is `value` [mm] (Dirichlet)."""
+    """The displacement component `axis` of all nodes of a face is `value` [mm, rad] (Dirichlet)."""
 
     face: str = field(metadata={"static": True})
-    axis: Axis = field(metadata={"static": True})
+    axis: str = field(metadata={"static": True})
     value: ArrayLike = 0.0
 
 
-def Symmetry(axis: Axis) -> Displacement:
+def Symmetry(axis: str) -> Displacement:
     """The face at the lower end of an axis (x0, y0 or z0) is a symmetry plane: it does not move along the axis."""
     return Displacement(f"{axis}0", axis, 0.0)
 
@@ -38,7 +36,7 @@ class Stretch:
     the zero-stress state P: the displacement is (value − 1) × the body's extent along the axis.
     """
 
-    axis: Axis = field(metadata={"static": True})
+    axis: str = field(metadata={"static": True})
     value: ArrayLike
 
 
@@ -48,20 +46,43 @@ class Planar:
     """The face keeps one common displacement component `axis`, which is an unknown: a frictionless rigid plate."""
 
     face: str = field(metadata={"static": True})
-    axis: Axis = field(metadata={"static": True})
+    axis: str = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Uniform:
+    """The displacement component `axis` does not vary along the coordinates `along`: axial symmetry, for example."""
+
+    axis: str = field(metadata={"static": True})
+    along: tuple[str, ...] = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Proportional:
+    """The displacement component `axis` is one unknown times the coordinate `to` of the state P.
+
+    Proportional("z", "z") with planar cross-sections is generalised plane strain, u_z = e Z;
+    Proportional("phi", "z") is a twist, u_φ = ψ Z; a `Displacement` or `Stretch` of an end prescribes it.
+    """
+
+    axis: str = field(metadata={"static": True})
+    to: str = field(metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Homogeneous:
-    """The body deforms as F = diag(λ1, λ2, λ3) along the axes; the three stretches are the only displacements."""
+    """The body deforms as F = diag(λ1, λ2, λ3) along Cartesian axes; the three stretches are the only displacements."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Traction:
-    """A traction vector (3,) [kPa = mN/mm²] on a face, fixed in direction.
+    """A traction vector (3,) [kPa = mN/mm²] on a face, its components along the local unit vectors e_i(θ).
 
+    In Cartesian coordinates it is fixed in direction.
     measure "nominal": force per area of the zero-stress state P (a dead load);
     measure "cauchy": force per deformed area (it follows the area; its tangent is not symmetric).
     """
@@ -71,5 +92,37 @@ class Traction:
     measure: Literal["nominal", "cauchy"] = field(default="nominal", metadata={"static": True})
 
 
-Tie = Displacement | Stretch | Planar | Homogeneous
-Condition = Tie | Traction
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Pressure:
+    """A pressure [kPa] on a face, pushing into the body, normal to the deformed face: a follower load.
+
+    ends "open": the pressure acts on the face only. Its rim can move, so it is not the gradient of P·V: the tangent is
+    not symmetric. A tube with open ends feels no axial thrust.
+    ends "closed": the face is the wall of a cavity, closed by flat caps normal to the Cartesian z axis that hang on its
+    rim and hand on their thrust. The load is the gradient of P·V, with the volume V = −½ ∮ (x n_x + y n_y) da. Cavities
+    cut by symmetry planes are meant, if the planes contain the z axis or are normal to it.
+    """
+
+    face: str = field(metadata={"static": True})
+    value: ArrayLike
+    ends: Literal["open", "closed"] = field(default="open", metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Spring:
+    """Elastic surroundings of a face (Robin): the traction −k u per area of P, k = `stiffness` [kPa/mm].
+
+    direction "all": against every displacement u = x − X, energy ½ k |u|² per area;
+    direction "normal": against the part along the normal N of the state P, energy ½ k (u · N)² per area.
+    """
+
+    face: str = field(metadata={"static": True})
+    stiffness: ArrayLike
+    direction: Literal["all", "normal"] = field(default="all", metadata={"static": True})
+
+
+Tie = Displacement | Stretch | Planar | Uniform | Proportional | Homogeneous
+Load = Traction | Pressure
+Condition = Tie | Load | Spring

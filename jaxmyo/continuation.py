@@ -65,7 +65,7 @@ def between(start: Any, end: Any, fraction: Array) -> Any:
 
 
 def follow(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings, *, from_rest: bool
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
 ) -> Solution:
     """Follow the equilibrium from z at the inputs `start` to the inputs `end`.
 
@@ -81,7 +81,7 @@ def follow(
         return between(start, end, fraction(t))
 
     def fraction(t: Array) -> Array:
-        return jnp.where(t >= 1.0, 1.0, 0.01 * t + 0.99 * t**3) if from_rest else t
+        return jnp.where((t >= 1.0) | ~from_rest, t, 0.01 * t + 0.99 * t**3)
 
     def tangent_of_path(found: newton.Iterate, t: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
@@ -90,7 +90,7 @@ def follow(
         )
         rate = -found.factors.solve(by_t)
         _, dF = jax.jvp(
-            lambda z, t: lagrangian.deformation_gradients(system, z, inputs_at(t)),
+            lambda z, t: lagrangian.deformation_gradients(system, system.displacements(z, inputs_at(t))),
             (found.z, jnp.minimum(t, 1.0 - 1e-9)),
             (rate, 1.0),
         )

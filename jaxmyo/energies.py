@@ -50,9 +50,13 @@ def incompressibility(C: Array, p: Array) -> Array:
     return -0.5 * p * (I3(C) - 1.0)
 
 
-def weave(i4: Array, i6: Array, q: Array, a_over_D: float | Array) -> Array:
-    """−½ q h(I4, I6), with the multiplier q [kPa] of the weave; acts in the free contraction A only (Eq. (pa))."""
-    return -0.5 * q * weave_h(i4, i6, a_over_D)
+def weave(i4: Array, i6: Array, q: Array, a_over_D: float | Array, softness: float | Array) -> Array:
+    """−½ q h(I4, I6) − ⅛ q² / k, with the multiplier q [kPa] of the weave; in the free contraction A only (Eq. (pa)).
+
+    softness = 1/k [1/kPa]: 0 is the paper's exact constraint h = 0; a weave of finite stiffness k stores ½ k h², of
+    which this is the perturbed Lagrangian: stationary at q = −2 k h, where it is ½ k h².
+    """
+    return -0.5 * q * weave_h(i4, i6, a_over_D) - 0.125 * softness * q**2
 
 
 def frozen_tensions(C: Array, frame: Array, T_f: Array, T_cf: Array) -> Array:

@@ -12,11 +12,11 @@ NODES = np.array(
 )
 
 
-def gauss(order: int, dimension: int = 3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gauss–Legendre points (n, dimension) and weights (n,) on [−1, 1]^dimension; n = order^dimension."""
-    x, w = np.polynomial.legendre.leggauss(order)
-    points = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
-    weights = np.prod(np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), axis=-1), axis=-1).reshape(-1)
+def gauss(*orders: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss–Legendre points (n, d) and weights (n,) on [−1, 1]^d, with so many points in each of the d directions."""
+    rules = [np.polynomial.legendre.leggauss(order) for order in orders]
+    points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
+    weights = np.prod(np.stack(np.meshgrid(*[w for _, w in rules], indexing="ij"), axis=-1), axis=-1).reshape(-1)
     return points, weights
 
 

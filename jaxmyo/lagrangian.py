@@ -1,11 +1,13 @@
 """From the energy to one element's residual and tangent, through C, by automatic differentiation.
 
-    local unknowns ─► F = F0 + A·unknowns ─► C = FᵀF ─► density(C, p, q) ─► ∂, ∂² in (C, p, q) ─► residual, tangent
+    local unknowns ─► ∂θ/∂Θ, θ ─► F ─► C = FᵀF ─► density(C, p, q) ─► ∂, ∂² in (C, p, q) ─► residual, tangent
 
 The Lagrangian of a body is the sum over elements and Gauss points of weight × density. It is differentiated where it
 is small: twice in the six components of C and the multipliers, then carried to the unknowns by the chain rule.
+F = diag(g(θ)) · H with H = ∂θ/∂Θ · diag(1/g(Θ)), see `jaxmyo.coordinates`; in Cartesian coordinates H is F.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -13,8 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
-from jaxmyo import energies
+from jaxmyo import energies, surface
+from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.energies import Law
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.invariants import I4, I6
@@ -25,19 +29,22 @@ from jaxmyo.ties import Ties
 class Inputs(NamedTuple):
     """What a path of states is driven by. Every leaf may change along the path and may be differentiated.
 
-    constants: the law's; T0 [kPa]; a_over_D [–]; beta [–]; T_f, T_cf: (n_elements, n_points) tensions left by state A
-    [kPa]; offset: (n_dof,) prescribed displacements [mm]; nominal, cauchy: (n_loaded_quads, 3) tractions [kPa].
+    constants: the law's; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave [1/kPa], 0 for an exact
+    constraint; T_f, T_cf: (n_elements, n_points) tensions left by state A [kPa]; offset: (n_dof,) prescribed
+    displacements [mm, rad]; loads: kind → values on the quads of `System.surfaces` [kPa, kPa/mm]; imbalance: (size,)
+    residual of the state that the path starts from, which fades along it.
     """
 
     constants: Any
     T0: Array
     a_over_D: Array
     beta: Array
+    softness: Array
     T_f: Array
     T_cf: Array
     offset: Array
-    nominal: Array
-    cauchy: Array
+    loads: Mapping[str, Array]
+    imbalance: Array
 
 
 @jax.tree_util.register_dataclass
@@ -45,36 +52,45 @@ class Inputs(NamedTuple):
 class System:
     """The discrete problem of one state: geometry and bookkeeping, no material parameter and no load.
 
-    The unknown vector is z = [displacements (n_u), p (n_elements), q (n_elements, only with the weave)].
+    The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave)].
 
-    gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements); weight: (n_elements, n_points) [mm³];
-    frame: (n_elements, n_points, 3, 3); local: (n_elements, n_local + multipliers) positions in z;
-    dN: (n_elements, n_points, 8, 3) [1/mm]; cells: (n_elements, 8); tie_index, tie_scale: (n_dof,);
-    quads: (n_quads, 4) loaded faces; points: (n_nodes, 3) [mm].
+    columns: (n_elements, n_points, 9 or 12, n_local) derivatives of H (9), and in curved coordinates of θ (3), by the
+    local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest;
+    weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3); local: (n_elements, n_local +
+    multipliers) positions in z; N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm];
+    theta, inverse_g: (n_elements, n_points, 3) Θ and 1/g(Θ); cells: (n_elements, 8);
+    tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4); points: (n_nodes, 3) Θ [mm, rad].
     """
 
     law: Law = field(metadata={"static": True})
+    coordinates: Coordinates = field(metadata={"static": True})
     weave: bool = field(metadata={"static": True})
     n_u: int = field(metadata={"static": True})
+    n_p: int = field(metadata={"static": True})
+    n_q: int = field(metadata={"static": True})
+    columns: Array
     gradient: Array
     weight: Array
     frame: Array
     local: Array
+    N: Array
     dN: Array
+    theta: Array
+    inverse_g: Array
     cells: Array
     tie_index: Array
     tie_scale: Array
-    quads: Array
+    surfaces: Mapping[str, Array]
     points: Array
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.n_u + len(self.cells) * self.multipliers
+        return self.n_u + self.n_p + self.n_q
 
     @property
     def multipliers(self) -> int:
-        """Multipliers per element: p, and q where the weave acts."""
+        """Multipliers that an element feels: p, and q where the weave acts."""
         return 2 if self.weave else 1
 
     @property
@@ -82,49 +98,69 @@ class System:
         """(n_elements, n_local) positions in z of the displacements that each element feels."""
         return self.local[:, : self.local.shape[1] - self.multipliers]
 
+    @property
+    def local_multipliers(self) -> Array:
+        """(n_elements, 1 or 2) positions in z of the element's p and q."""
+        return self.local[:, self.local.shape[1] - self.multipliers :]
+
     def displacements(self, z: Array, inputs: Inputs) -> Array:
-        """Nodal displacements (n_nodes, 3) [mm] of the unknowns z."""
+        """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
         if not self.n_u:
             return inputs.offset.reshape(-1, 3)
         return (inputs.offset + self.tie_scale * z[self.tie_index]).reshape(-1, 3)
 
 
-def build(scene: Scene, ties: Ties, *, weave: bool, quads: np.ndarray | None = None) -> System:
-    """The discrete problem of a scene under its ties; `quads` (n, 4) are the faces that carry tractions."""
-    mesh = scene.mesh
+def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.ndarray]) -> System:
+    """The discrete problem of a scene under its ties, in NumPy; `surfaces`: kind of load → the quads (n, 4) with it."""
+    mesh, coordinates = scene.mesh, scene.mesh.coordinates
     n_e = len(mesh.cells)
-    xi, w = gauss(scene.quadrature)
-    dxi = shape_gradient(xi)
+    xi, w = gauss(*scene.orders)
+    N, dxi = shape(xi), shape_gradient(xi)
     jacobian = np.einsum("eai,gaj->egij", mesh.points[mesh.cells], dxi)
     dN = np.einsum("gaj,egji->egai", dxi, np.linalg.inv(jacobian))
+    weight = np.linalg.det(jacobian) * w[None]
+    theta = np.einsum("ga,eai->egi", N, mesh.points[mesh.cells])
+    g = evaluate(jax.vmap(coordinates.g), theta)
+    weight, dN = weight * np.prod(g, axis=-1), dN / g[:, :, None, :]
     # The distinct unknowns of each element, padded to the longest list with columns of zeros.
     dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
     active = ties.scale[dofs] != 0.0
     lists = [np.unique(ties.index[d[a]]) for d, a in zip(dofs, active, strict=True)]
     n_local = max(map(len, lists))
     unknowns = np.zeros((n_e, n_local), dtype=int)
-    slots = np.zeros((n_e, 24, n_local))
+    slots: NDArray[np.float64] = np.zeros((n_e, 24, n_local))
     for e, own in enumerate(lists):
         unknowns[e, : len(own)] = own
         slots[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = ties.scale[dofs[e, active[e]]]
-    # F_ij = Σ_a u_ai ∂N_a/∂X_j + δ_ij
-    gradient = np.einsum("egaj,eail->egijl", dN, slots.reshape(n_e, 8, 3, n_local))
-    first = ties.size + n_e * np.arange(2 if weave else 1)
-    return System(
-        law=scene.law,
-        weave=weave,
-        n_u=ties.size,
-        gradient=jnp.asarray(gradient.reshape(n_e, len(w), 9, n_local)),
-        weight=jnp.asarray(np.linalg.det(jacobian) * w[None]),
-        frame=jnp.asarray(scene.frame),
-        local=jnp.asarray(np.concatenate([unknowns, first[None] + np.arange(n_e)[:, None]], axis=1)),
-        dN=jnp.asarray(dN),
-        cells=jnp.asarray(mesh.cells),
-        tie_index=jnp.asarray(ties.index),
-        tie_scale=jnp.asarray(ties.scale),
-        quads=jnp.asarray(np.zeros((0, 4), dtype=int) if quads is None else quads),
-        points=jnp.asarray(mesh.points),
-    )
+    slots = slots.reshape(n_e, 8, 3, n_local)
+    # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
+    columns = np.einsum("egaj,eail->egijl", dN, slots)
+    gradient = g[:, :, :, None, None] * columns
+    by_theta = np.einsum("ga,eail->egil", N, slots)
+    by_g = evaluate(jax.vmap(jax.jacfwd(coordinates.g)), theta)  # ∂g_i/∂θ_k
+    gradient[:, :, range(3), range(3)] += np.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
+    columns = columns.reshape(n_e, len(w), 9, n_local)
+    if coordinates.curved:
+        columns = np.concatenate([columns, by_theta], axis=2)
+    n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
+    multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
+    arrays: dict[str, Any] = {
+        "columns": columns,
+        "gradient": gradient.reshape(n_e, len(w), 9, n_local),
+        "weight": weight,
+        "frame": scene.frame,
+        "local": np.concatenate([unknowns, np.stack(multipliers, axis=1)], axis=1),
+        "N": N,
+        "dN": dN,
+        "theta": theta,
+        "inverse_g": 1.0 / g,
+        "cells": mesh.cells,
+        "tie_index": ties.index,
+        "tie_scale": ties.scale,
+        "surfaces": dict(surfaces),
+        "points": mesh.points,
+    }
+    return System(law=scene.law, coordinates=coordinates, weave=weave, n_u=ties.size, n_p=n_p, n_q=n_q, **arrays)
 
 
 def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Array:
@@ -139,7 +175,7 @@ def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, inp
         + energies.incompressibility(C, c[6])
     )
     if system.weave:
-        return W + energies.weave(I4(C, frame), I6(C, frame), c[7], inputs.a_over_D)
+        return W + energies.weave(I4(C, frame), I6(C, frame), c[7], inputs.a_over_D, inputs.softness)
     return W + energies.frozen_tensions(C, frame, T_f, T_cf)
 
 
@@ -148,21 +184,45 @@ def symmetric(c: Array) -> Array:
     return jnp.stack([c[0], c[3], c[4], c[3], c[1], c[5], c[4], c[5], c[2]]).reshape(3, 3)
 
 
-def strain(y: Array) -> Array:
-    """(F (9), multipliers) ↦ (C (6), multipliers) with C = FᵀF."""
-    F = y[:9].reshape(3, 3)
+def strain(coordinates: Coordinates, y: Array) -> Array:
+    """(H (9)[, θ (3)], multipliers) ↦ (C (6), multipliers) with C = FᵀF, F = diag(g(θ)) · H."""
+    F, rest = y[:9].reshape(3, 3), y[9:]
+    if coordinates.curved:
+        F, rest = coordinates.g(y[9:12])[:, None] * F, y[12:]
     C = F.T @ F
-    return jnp.concatenate([jnp.stack([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2]]), y[9:]])
+    return jnp.concatenate([jnp.stack([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2]]), rest])
 
 
-def deformation_gradients(system: System, z: Array, inputs: Inputs) -> Array:
-    """F (n_elements, n_points, 3, 3) of the unknowns z."""
-    u = system.displacements(z, inputs)[system.cells]
-    return jnp.eye(3)[None, None] + jnp.einsum("eai,egaj->egij", u, system.dN)
+def kinematics(system: System, u: Array) -> Array:
+    """H (9), and in curved coordinates θ (3), at the Gauss points: (n_elements, n_points, 9 or 12); u: (n_nodes, 3)."""
+    nodes = u[system.cells]
+    H = jnp.einsum("eai,egaj->egij", nodes, system.dN) + system.inverse_g[..., None, :] * jnp.eye(3)[None, None]
+    H = H.reshape(*H.shape[:2], 9)
+    if not system.coordinates.curved:
+        return H
+    return jnp.concatenate([H, system.theta + jnp.einsum("ga,eai->egi", system.N, nodes)], axis=-1)
+
+
+def deformation_gradients(system: System, u: Array) -> Array:
+    """F (n_elements, n_points, 3, 3) of the displacements u (n_nodes, 3), from the local basis of P to that at θ."""
+    y = kinematics(system, u)
+    F = y[..., :9].reshape(*y.shape[:2], 3, 3)
+    if system.coordinates.curved:
+        F = jax.vmap(jax.vmap(system.coordinates.g))(y[..., 9:])[..., None] * F
+    return F
+
+
+def volume_ratios(system: System, u: Array) -> Array:
+    """det F (n_elements, n_points); −1 where a coordinate left its range, such as a negative radius."""
+    J = jnp.linalg.det(deformation_gradients(system, u))
+    if system.coordinates.curved:
+        g = jax.vmap(jax.vmap(system.coordinates.g))(kinematics(system, u)[..., 9:])
+        J = jnp.where(jnp.all(g > 0.0, axis=-1), J, -1.0)
+    return J
 
 
 def residual(system: System, z: Array, inputs: Inputs) -> Array:
-    """The derivative of the Lagrangian by the unknowns (n,), less the tractions: force [mN] per displacement."""
+    """The derivative of the Lagrangian by the unknowns (n,), less the loads: generalised forces [mN, mN·mm]."""
     return _assemble(system, z, inputs, tangent=False)[0]
 
 
@@ -172,86 +232,66 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
 
 
 def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tuple[Array, Array]:
-    F = deformation_gradients(system, z, inputs)
+    u = system.displacements(z, inputs)
     n_m = system.multipliers
-    n_local = system.local_u.shape[1]
+    n_y, n_local = system.columns.shape[2:]
 
-    def element(gradient: Array, weight: Array, multipliers: Array, *at_points: Array) -> tuple[Array, Array]:
-        # The columns of a point's variables (F, multipliers) by the element's unknowns.
-        B = jnp.zeros((*gradient.shape[:1], 9 + n_m, n_local + n_m)).at[:, :9, :n_local].set(gradient)
-        B = B.at[:, 9:, n_local:].set(jnp.eye(n_m)[None])
+    def element(columns: Array, weight: Array, multipliers: Array, *at_points: Array) -> tuple[Array, Array]:
+        # The columns of a point's variables (H[, θ], multipliers) by the element's unknowns.
+        B = jnp.zeros((*columns.shape[:1], n_y + n_m, n_local + n_m)).at[:, :n_y, :n_local].set(columns)
+        B = B.at[:, n_y:, n_local:].set(jnp.eye(n_m)[None])
 
-        def point(B: Array, F: Array, frame: Array, T_f: Array, T_cf: Array) -> tuple[Array, Array]:
-            y = jnp.concatenate([F.reshape(9), multipliers])
+        def point(B: Array, H: Array, frame: Array, T_f: Array, T_cf: Array) -> tuple[Array, Array]:
+            y = jnp.concatenate([H, multipliers])
 
             def of_c(c: Array) -> Array:
                 return density(system, c, frame, T_f, T_cf, inputs)
 
+            def c_of(y: Array) -> Array:
+                return strain(system.coordinates, y)
+
             # Forward mode throughout: for so few variables it compiles and runs several times faster than reverse mode.
             if n_local + n_m <= 6:  # fewer than C has components: differentiate in the element's unknowns themselves
-                r = jax.jacfwd(lambda v: of_c(strain(y + B @ v)))
+                r = jax.jacfwd(lambda v: of_c(c_of(y + B @ v)))
                 v = jnp.zeros(n_local + n_m)
                 return r(v), jax.jacfwd(r)(v) if tangent else jnp.zeros((0, 0))
-            c = strain(y)
-            by_c, J = jax.jacfwd(of_c)(c), jax.jacfwd(strain)(y)
+            c = c_of(y)
+            by_c, J = jax.jacfwd(of_c)(c), jax.jacfwd(c_of)(y)
             r = by_c @ J @ B
             if not tangent:
                 return r, jnp.zeros((0, 0))
-            curvature = jax.jacfwd(jax.jacfwd(lambda y: by_c @ strain(y)))(y)
+            curvature = jax.jacfwd(jax.jacfwd(lambda y: by_c @ c_of(y)))(y)
             return r, B.T @ (J.T @ jax.jacfwd(jax.jacfwd(of_c))(c) @ J + curvature) @ B
 
         r, K = jax.vmap(point)(B, *at_points)
         return weight @ r, jnp.tensordot(weight, K, axes=1)
 
     r_e, K_e = jax.vmap(element)(
-        system.gradient,
+        system.columns,
         system.weight,
-        z[system.local[:, n_local:]],
-        F,
+        z[system.local_multipliers],
+        kinematics(system, u),
         system.frame,
         inputs.T_f,
         inputs.T_cf,
     )
-    r = jnp.zeros(system.size).at[system.local].add(r_e)
+    r = (-inputs.imbalance).at[system.local].add(r_e)
     K = jnp.zeros((system.size, system.size) if tangent else (0, 0))
     if tangent:
         K = K.at[system.local[:, :, None], system.local[:, None, :]].add(K_e)
-    if len(system.quads) and system.n_u:
-        r, K = _add_tractions(system, z, inputs, r, K, tangent=tangent)
+    if system.n_u:
+        r, K = _add_loads(system, u, inputs, r, K, tangent=tangent)
     return r, K
 
 
-def _add_tractions(
-    system: System, z: Array, inputs: Inputs, r: Array, K: Array, *, tangent: bool
-) -> tuple[Array, Array]:
-    force = traction_forces(system, system.displacements(z, inputs), inputs)
-    dofs = 3 * system.quads[:, :, None] + jnp.arange(3)[None, None]
-    dofs = dofs.reshape(len(system.quads), 12)
-    index, scale = system.tie_index[dofs], system.tie_scale[dofs]
-    r = r.at[index].add(-scale * force.reshape(-1, 12))
-    if tangent:
-        by_x = jax.vmap(jax.jacfwd(_quad_force))(
-            (system.points + system.displacements(z, inputs))[system.quads],
-            system.points[system.quads],
-            inputs.nominal,
-            inputs.cauchy,
-        ).reshape(-1, 12, 12)
-        K = K.at[index[:, :, None], index[:, None, :]].add(-scale[:, :, None] * by_x * scale[:, None, :])
+def _add_loads(system: System, u: Array, inputs: Inputs, r: Array, K: Array, *, tangent: bool) -> tuple[Array, Array]:
+    theta = system.points + u
+    for kind, quads in system.surfaces.items():
+        at = (system.coordinates, kind, theta[quads], system.points[quads], inputs.loads[kind])
+        dofs = (3 * quads[:, :, None] + jnp.arange(3)[None, None]).reshape(len(quads), 12)
+        index, scale = system.tie_index[dofs], system.tie_scale[dofs]
+        r = r.at[index].add(-scale * surface.quad_forces(*at).reshape(-1, 12))
+        if tangent:
+            K_e = surface.quad_tangents(*at)
+            K = K.at[index[:, :, None], index[:, None, :]].add(-scale[:, :, None] * K_e * scale[:, None, :])
     return r, K
-
-
-def traction_forces(system: System, u: Array, inputs: Inputs) -> Array:
-    """Nodal forces (n_quads, 4, 3) [mN] of the tractions on the loaded quads at the displacements u (n_nodes, 3)."""
-    x = (system.points + u)[system.quads]
-    return jax.vmap(_quad_force)(x, system.points[system.quads], inputs.nominal, inputs.cauchy)
-
-
-def _quad_force(x: Array, X: Array, nominal: Array, cauchy: Array) -> Array:
-    xi, w = gauss(2, dimension=2)
-    N, dN = jnp.asarray(shape(xi)), jnp.asarray(shape_gradient(xi))
-
-    def area(nodes: Array) -> Array:
-        tangents = jnp.einsum("gak,ai->gki", dN, nodes)
-        return jnp.linalg.norm(jnp.cross(tangents[:, 0], tangents[:, 1]), axis=-1) * jnp.asarray(w)
-
-    return jnp.einsum("ga,g,i->ai", N, area(X), nominal) + jnp.einsum("ga,g,i->ai", N, area(x), cauchy)

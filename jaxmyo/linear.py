@@ -32,7 +32,7 @@ def scales(system: System) -> Scales:
     size = jnp.sum(system.weight, axis=1)
     touches = jnp.any(system.gradient != 0.0, axis=(1, 2)).astype(float)
     volume = jnp.zeros(n).at[own].add(size[:, None] * touches)
-    volume = volume.at[system.local[:, -system.multipliers :]].set(jnp.stack([size] * system.multipliers, axis=1))
+    volume = volume.at[system.local_multipliers].add(size[:, None])
     diagonal = jnp.where(jnp.arange(n) < n_u, jnp.diagonal(metric), volume)
     return Scales(metric, jnp.sqrt(volume / diagonal), volume)
 
@@ -50,7 +50,7 @@ def stress_residual(system: System, scale: Scales, r: Array) -> Array:
 
 
 def constraint_residual(system: System, scale: Scales, r: Array) -> Array:
-    """The largest element mean of ½ |I3 − 1| and ½ |h| [–]."""
+    """The largest patch mean of ½ |I3 − 1| and ½ |h| [–]."""
     return jnp.max(jnp.abs(r / scale.volume)[system.n_u :])
 
 

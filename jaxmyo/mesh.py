@@ -1,29 +1,36 @@
 """Hexahedral meshes with named faces."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import jax
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jaxmyo import checks
-from jaxmyo.hexahedron import NODES, gauss, shape_gradient
+from jaxmyo.coordinates import CARTESIAN, Coordinates, evaluate
+from jaxmyo.hexahedron import NODES, gauss, shape, shape_gradient
 
 
 @dataclass(frozen=True)
 class Mesh:
     """Nodes, hexahedra, and the named faces on which supports and loads act.
 
-    points: (n_nodes, 3) reference coordinates [mm]; cells: (n_elements, 8) node numbers in VTK order;
-    faces: name → (n_quads, 4) node numbers, counter-clockwise seen from outside.
+    points: (n_nodes, 3) reference coordinates Θ [the units of `coordinates`: mm, rad]; cells: (n_elements, 8) node
+    numbers in VTK order; faces: name → (n_quads, 4) node numbers, counter-clockwise seen from outside;
+    coordinates: the system that the points are in; grid: elements along each axis, if the mesh is structured (the last
+    axis runs fastest).
 
     Errors: a ValueError for wrong shapes, non-finite coordinates, node numbers out of range, nodes that no element
-    uses, and an element that is inverted or has no volume (det J ≤ 0 at a Gauss point or at a corner).
+    uses, and an element that is inverted or has no volume (det J ≤ 0 at a Gauss point or at a corner, a scale factor
+    ≤ 0 at a Gauss point, such as a negative radius).
     """
 
     points: NDArray[np.float64]
     cells: NDArray[np.int64]
     faces: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    coordinates: Coordinates = CARTESIAN
+    grid: tuple[int, int, int] | None = None
 
     def __post_init__(self) -> None:
         points = checks.concrete("points", self.points, (None, 3))
@@ -43,7 +50,7 @@ class Mesh:
         unused = np.setdiff1d(np.arange(len(points)), cells)
         if unused.size:
             raise ValueError(f"{unused.size} node(s) belong to no element, the first is node {unused[0]}; remove them")
-        where = np.concatenate([gauss(2)[0], NODES])
+        where = np.concatenate([gauss(2, 2, 2)[0], NODES])
         det = np.linalg.det(np.einsum("eai,gaj->egij", points[cells], shape_gradient(where)))
         if (bad := det.min(axis=1) <= 1e-12 * np.abs(det).max(axis=1)).any():
             e = int(np.argmax(bad))
@@ -51,18 +58,63 @@ class Mesh:
                 f"element {e} is inverted or has no volume: det J = {det[e].min():.3g} (must be > 0; {int(bad.sum())} "
                 f"such element(s)). Check the node order (VTK: lower face counter-clockwise, then the upper face)."
             )
+        if self.coordinates.curved:
+            at = np.einsum("ga,eai->egi", shape(gauss(2, 2, 2)[0]), points[cells])
+            g = evaluate(jax.vmap(self.coordinates.g), at)
+            if not (g > 0.0).all():  # also catches NaN
+                e, k, i = (int(n) for n in np.argwhere(~(g > 0.0))[0])
+                raise ValueError(
+                    f"element {e} leaves the {self.coordinates.name} coordinates: the scale factor of "
+                    f"{self.coordinates.axes[i]!r} is {g[e, k, i]:.3g} (must be > 0) at {at[e, k]}"
+                )
+        if self.grid is not None and int(np.prod(self.grid)) != len(cells):
+            raise ValueError(f"grid = {self.grid} does not have {len(cells)} elements")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "cells", cells.astype(np.int64))
         object.__setattr__(self, "faces", {k: np.asarray(v, dtype=np.int64) for k, v in self.faces.items()})
 
     @property
     def extent(self) -> NDArray[np.float64]:
-        """Edge lengths (3,) of the bounding box [mm]."""
+        """Edge lengths (3,) of the bounding box in the world coordinates [mm, rad]."""
         return np.ptp(self.points, axis=0)
 
     def face(self, name: str) -> NDArray[np.int64]:
         """The quads (n, 4) of a named face."""
         return self.faces[checks.choice("face", name, sorted(self.faces))]
+
+    def axis(self, name: str) -> int:
+        """The number of a coordinate by its name, e.g. 0 for "x" or "r"."""
+        return self.coordinates.axes.index(checks.choice("axis", name, list(self.coordinates.axes)))
+
+    def mapped(self, position: Callable[[jax.Array], jax.Array]) -> "Mesh":
+        """The same body in Cartesian hexahedra: nodes at position(Θ) [mm], straight edges between them."""
+        return replace(self, points=evaluate(position, self.points), coordinates=CARTESIAN)
+
+
+def structured(nodes: Sequence[ArrayLike], coordinates: Coordinates = CARTESIAN) -> Mesh:
+    """A grid of hexahedra with nodes at the given coordinates along each axis, three increasing lists [mm, rad].
+
+    The faces are named by the axes: x0 (lower end), x1, y0, y1, z0, z1; r0, r1, ... in cylindrical coordinates.
+    """
+    axes = [checks.concrete(f"nodes[{k}]", n, (None,)) for k, n in enumerate(nodes)]
+    for name, along in zip(coordinates.axes, axes, strict=True):
+        if len(along) < 2 or (np.diff(along) <= 0.0).any():
+            raise ValueError(f"nodes along {name!r} must increase, from at least two; got {along}")
+    elements = (len(axes[0]) - 1, len(axes[1]) - 1, len(axes[2]) - 1)
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape([n + 1 for n in elements])
+    corner = [
+        number[tuple(slice(int(c > 0), n + int(c > 0)) for c, n in zip(node, elements, strict=True))] for node in NODES
+    ]
+    faces = {}
+    for axis, name in enumerate(coordinates.axes):
+        for end in (0, 1):
+            layer = np.take(number, -end, axis=axis)
+            if axis == 1:  # keep (first, second, axis) right-handed
+                layer = layer.T
+            quads = np.stack([layer[:-1, :-1], layer[1:, :-1], layer[1:, 1:], layer[:-1, 1:]], axis=-1).reshape(-1, 4)
+            faces[f"{name}{end}"] = quads if end else quads[:, ::-1]
+    return Mesh(points, np.stack(corner, axis=-1).reshape(-1, 8), faces, coordinates, elements)
 
 
 def box(lengths: tuple[float, float, float], elements: tuple[int, int, int]) -> Mesh:
@@ -70,23 +122,8 @@ def box(lengths: tuple[float, float, float], elements: tuple[int, int, int]) -> 
     lengths_ = checks.concrete("lengths", lengths, (3,))
     if (lengths_ <= 0).any():
         raise ValueError(f"lengths = {lengths} must be positive (mm)")
-    if len(elements) != 3 or any(int(n) != n or n < 1 for n in elements):
-        raise ValueError(f"elements = {elements} must be three integers ≥ 1")
-    axes = [np.linspace(0.0, length, n + 1) for length, n in zip(lengths_, elements, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(points)).reshape([n + 1 for n in elements])
-    corner = [
-        number[tuple(slice(int(c > 0), n + int(c > 0)) for c, n in zip(node, elements, strict=True))] for node in NODES
-    ]
-    faces = {}
-    for axis, name in enumerate("xyz"):
-        for end in (0, 1):
-            grid = np.take(number, -end, axis=axis)
-            if axis == 1:  # keep (first, second, axis) right-handed
-                grid = grid.T
-            quads = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
-            faces[f"{name}{end}"] = quads if end else quads[:, ::-1]
-    return Mesh(points, np.stack(corner, axis=-1).reshape(-1, 8), faces)
+    checks.counts("elements", elements, 3)
+    return structured([np.linspace(0.0, length, n + 1) for length, n in zip(lengths_, elements, strict=True)])
 
 
 def jitter(mesh: Mesh, amplitude: float, seed: int) -> Mesh:
@@ -101,4 +138,4 @@ def jitter(mesh: Mesh, amplitude: float, seed: int) -> Mesh:
         np.minimum.at(size, corners, np.broadcast_to(np.ptp(mesh.points[corners], axis=0), (8, 3)))
     shift = amplitude * size * rng.uniform(-1.0, 1.0, mesh.points.shape)
     shift[outer] = 0.0
-    return Mesh(mesh.points + shift, mesh.cells, mesh.faces)
+    return replace(mesh, points=mesh.points + shift)

@@ -116,7 +116,7 @@ def solve(
         z = s.z + s.alpha * s.delta
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
         r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(system, z, inputs))
-        J = jnp.linalg.det(lagrangian.deformation_gradients(system, z, inputs))
+        J = lagrangian.volume_ratios(system, system.displacements(z, inputs))
         admissible = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
         simplified, _ = strain_of(system, s.factors.solve(r))
         # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.

@@ -4,7 +4,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import lagrangian
+from jaxmyo import lagrangian, surface
+from jaxmyo.coordinates import CARTESIAN
+from jaxmyo.energies import weave
+from jaxmyo.invariants import I4, I6
 from jaxmyo.lagrangian import Inputs, System
 
 
@@ -15,7 +18,7 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
     """
 
     def point(F: Array, frame: Array, T_f: Array, T_cf: Array, multipliers: Array) -> Array:
-        c = lagrangian.strain(jnp.concatenate([F.reshape(9), multipliers]))
+        c = lagrangian.strain(CARTESIAN, jnp.concatenate([F.reshape(9), multipliers]))
         by_c = jax.jacfwd(lambda c: lagrangian.density(system, c, frame, T_f, T_cf, inputs))(c)
         # A component off the diagonal of C stands twice in W, so its derivative is 2 ∂W/∂C12 already.
         return lagrangian.symmetric(by_c[:6] * jnp.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0]))
@@ -25,7 +28,7 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
 
 
 def cauchy(F: Array, S: Array) -> Array:
-    """σ = F S Fᵀ / det F (..., 3, 3) [kPa], Cartesian components."""
+    """σ = F S Fᵀ / det F (..., 3, 3) [kPa], along the local unit vectors."""
     return F @ S @ jnp.swapaxes(F, -1, -2) / jnp.linalg.det(F)[..., None, None]
 
 
@@ -38,10 +41,29 @@ def deformed_frame(F: Array, frame: Array) -> Array:
     return jnp.stack([f, jnp.cross(n, f), n], axis=-2)
 
 
-def nodal_forces(system: System, F: Array, S: Array, u: Array, inputs: Inputs) -> Array:
-    """Forces (n_nodes, 3) [mN] that supports exert on the nodes: internal forces less the tractions."""
-    per_element = jnp.einsum("eg,egij,egaj->eai", system.weight, F @ S, system.dN)
-    forces = jnp.zeros(system.points.shape).at[system.cells].add(per_element)
-    if len(system.quads):
-        forces = forces.at[system.quads].add(-lagrangian.traction_forces(system, u, inputs))
-    return forces
+def tensions(system: System, u: Array, q: Array, inputs: Inputs) -> tuple[Array, Array]:
+    """Pseudo-active tensions (T_A^f, T_A^cf) = (−q h4 I4, −q h6 I6), each (n_elements, n_points) [kPa] (Eq. (T)).
+
+    u: (n_nodes, 3); q: (n_q,) [kPa].
+    """
+
+    def point(F: Array, frame: Array, q: Array) -> tuple[Array, Array]:
+        C = F.T @ F
+        i4, i6 = I4(C, frame), I6(C, frame)
+        by_4, by_6 = jax.grad(weave, argnums=(0, 1))(i4, i6, q, inputs.a_over_D, inputs.softness)
+        return 2.0 * by_4 * i4, 2.0 * by_6 * i6
+
+    F = lagrangian.deformation_gradients(system, u)
+    of_element = q[system.local_multipliers[:, 1] - system.n_u - system.n_p]
+    return jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(F, system.frame, of_element)
+
+
+def nodal_forces(system: System, u: Array, S: Array, inputs: Inputs) -> Array:
+    """Forces (n_nodes, 3) that supports exert on the nodes, internal forces less the loads.
+
+    They are conjugate to the world coordinates: mN for a length, a moment [mN·mm] for an angle.
+    """
+    F, pull = jax.vjp(lambda u: lagrangian.deformation_gradients(system, u), u)
+    (internal,) = pull(system.weight[..., None, None] * (F @ S))
+    theta = system.points + u
+    return internal - surface.nodal_forces(system.coordinates, system.surfaces, inputs.loads, theta, system.points)

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import checks, ties
-from jaxmyo.conditions import Tie
+from jaxmyo import checks, patches, surface, ties
+from jaxmyo.conditions import Spring, Tie
 from jaxmyo.energies import Law
+from jaxmyo.hexahedron import gauss, shape
 from jaxmyo.mesh import Mesh
 
 
@@ -18,13 +19,17 @@ from jaxmyo.mesh import Mesh
 class Scene:
     """A body and what holds it in every state.
 
-    mesh: `Mesh` [mm]; law: an energy density, see `jaxmyo.energies`; constants: the law's pytree of constants;
-    fibre, cross: unit vectors f and f⊥ in the state P, (3,) for all or (n_elements, 3) or
-    (n_elements, n_points, 3) per quadrature point; supports: ties that hold in the states A and C alike;
-    quadrature: Gauss points per direction (2 is the Q1–Q0 standard; 1 is exact for a homogeneous state).
+    mesh: `Mesh` [mm, rad]; law: an energy density, see `jaxmyo.energies`; constants: the law's pytree of constants;
+    fibre, cross: unit vectors f and f⊥ in the state P, along the local unit vectors of the world coordinates: (3,) for
+    all, (n_elements, 3), (n_elements, n_points, 3) per quadrature point, or a function of the coordinates
+    Θ (n, 3) ↦ (n, 3); supports: ties and springs that hold in the states A and C alike;
+    quadrature: Gauss points per direction, one number or three (2 is the Q1–Q0 standard; 1 is exact along a direction
+    in which nothing varies); p_patches, q_patches: (n_elements,) the patch of each element that shares one p,
+    one q; None is one per element (`jaxmyo.patches`).
 
     Errors: a ValueError for a law that is no finite scalar at rest, for fibres that are not of unit length or not
-    orthogonal, for supports that leave a rigid motion free, and for names of faces that the mesh does not have.
+    orthogonal, for supports that leave a rigid motion free, for patches that do not cover the elements, and for names
+    of faces and axes that the mesh does not have. `print(scene)` says what is modelled.
     """
 
     mesh: Mesh
@@ -32,43 +37,70 @@ class Scene:
     constants: Any
     fibre: Any = (1.0, 0.0, 0.0)
     cross: Any = (0.0, 1.0, 0.0)
-    supports: tuple[Tie, ...] = ()
-    quadrature: int = 2
+    supports: tuple[Tie | Spring, ...] = ()
+    quadrature: int | tuple[int, int, int] = 2
+    p_patches: Any = None
+    q_patches: Any = None
+    orders: tuple[int, int, int] = field(init=False, repr=False)  # Gauss points per direction
     frame: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not callable(self.law):
             raise TypeError(f"law must be a function law(C, frame, beta, constants) -> W; got {self.law!r}")
-        if self.quadrature not in range(1, 9):
-            raise ValueError(f"quadrature = {self.quadrature} must be an integer in [1, 8] (points per direction)")
+        orders = tuple(self.quadrature) if isinstance(self.quadrature, tuple | list) else (self.quadrature,) * 3
+        if len(orders) != 3 or any(n not in range(1, 9) for n in orders):
+            raise ValueError(
+                f"quadrature = {self.quadrature} must be an integer in [1, 8], or three (points per direction)"
+            )
+        object.__setattr__(self, "orders", orders)
         object.__setattr__(self, "constants", checks.finite_tree("constants", self.constants))
         _check_law(self.law, self.constants)
         object.__setattr__(self, "supports", tuple(self.supports))
         for support in self.supports:
-            if not isinstance(support, Tie):
+            if not isinstance(support, Tie | Spring):
                 raise TypeError(
-                    f"supports must be Symmetry, Displacement, Stretch, Planar or Homogeneous; got {support!r}"
+                    "supports must be Symmetry, Displacement, Stretch, Planar, Uniform, Proportional, Homogeneous or "
+                    f"Spring; got {support!r}"
                 )
-        shape = (len(self.mesh.cells), self.quadrature**3)
-        f, cf = _directions("fibre", self.fibre, shape), _directions("cross", self.cross, shape)
+        surface.build(self.mesh, self.springs)
+        for name in ("p_patches", "q_patches"):
+            object.__setattr__(self, name, patches.checked(name, getattr(self, name), self.mesh))
+        object.__setattr__(self, "frame", self._frame())
+        self.kinematics(())
+
+    @property
+    def springs(self) -> tuple[Spring, ...]:
+        """The springs among the supports."""
+        return tuple(s for s in self.supports if isinstance(s, Spring))
+
+    def kinematics(self, conditions: tuple[Tie | Spring, ...]) -> ties.Ties:
+        """The ties of the supports and of further conditions; an error if a rigid motion stays free."""
+        every = (*self.supports, *conditions)
+        built = ties.build(self.mesh, [c for c in every if not isinstance(c, Spring)])
+        if free := ties.rigid_motions(self.mesh, built, [c for c in every if isinstance(c, Spring)]):
+            raise ValueError(
+                f"supports = {self.supports} leave a rigid motion free: {', '.join(free)}. "
+                "Add Symmetry planes, Displacement conditions or springs until none is left."
+            )
+        return built
+
+    def _frame(self) -> NDArray[np.float64]:
+        """Rows f, f⊥, n at every quadrature point (n_elements, n_points, 3, 3)."""
+        xi, _ = gauss(*self.orders)
+        at = np.einsum("ga,eai->egi", shape(xi), self.mesh.points[self.mesh.cells])
+        f, cf = _directions("fibre", self.fibre, at), _directions("cross", self.cross, at)
         dot = np.einsum("egi,egi->eg", f, cf)
         if (np.abs(dot) > 1e-6).any():
             e, g = (int(i) for i in np.argwhere(np.abs(dot) > 1e-6)[0])
             raise ValueError(
                 f"fibre and cross must be orthogonal; f · f⊥ = {dot[e, g]:.3g} in element {e}, point {g} (valid: 0)"
             )
-        object.__setattr__(self, "frame", np.stack([f, cf, np.cross(f, cf)], axis=-2))
-        self.kinematics(())
+        return np.stack([f, cf, np.cross(f, cf)], axis=-2)
 
-    def kinematics(self, conditions: tuple[Tie, ...]) -> ties.Ties:
-        """The ties of the supports and of further conditions; an error if a rigid motion stays free."""
-        built = ties.build(self.mesh, (*self.supports, *conditions))
-        if free := ties.rigid_motions(self.mesh, built):
-            raise ValueError(
-                f"supports = {self.supports} leave a rigid motion free: {', '.join(free)}. "
-                "Add Symmetry planes or Displacement conditions until none is left."
-            )
-        return built
+    def __str__(self) -> str:
+        from jaxmyo.describe import describe  # it needs the scene's type
+
+        return describe(self)
 
 
 def _check_law(law: Law, constants: Any) -> None:
@@ -80,7 +112,11 @@ def _check_law(law: Law, constants: Any) -> None:
         raise ValueError(f"law is not finite at rest (C = I, beta = 0) with constants = {constants}")
 
 
-def _directions(name: str, value: Any, shape: tuple[int, int]) -> NDArray[np.float64]:
+def _directions(name: str, value: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors at the points `at` (n_elements, n_points, 3)."""
+    shape = at.shape[:2]
+    if callable(value):
+        value = np.reshape(value(at.reshape(-1, 3)), at.shape)
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -1,7 +1,6 @@
 """The two solves: `contract` (P → A, free contraction) and `load` (A → C, under what state A left behind)."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -10,14 +9,13 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, continuation, lagrangian
-from jaxmyo.conditions import Condition, Stretch, Tie, Traction
+from jaxmyo import checks, constraints, continuation, lagrangian, surface
+from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.status import SolveError
-from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
 
@@ -28,7 +26,9 @@ def contract(
     T0: ArrayLike,
     a_over_D: ArrayLike | None,
     beta: ArrayLike = 1.0,
+    weave_stiffness: ArrayLike | None = None,
     constants: Any = None,
+    start: State | None = None,
     settings: Settings = DEFAULT,
     throw: bool = True,
 ) -> State:
@@ -37,91 +37,136 @@ def contract(
     Stationary point over u, p (and q) of ∫ W* + ½ βT0 ln I4 − ½ p (I3−1) − ½ q h dV, on the branch that starts at rest.
 
     T0: beating tension [kPa], ≥ 0; a_over_D ∈ [0, ¼] with the weave's constraint h = 0, None without it;
-    beta ∈ [0, 1]: activation; constants: instead of the scene's.
+    beta ∈ [0, 1]: activation; weave_stiffness: a finite stiffness k [kPa] of the weave, energy ½ k h², instead of the
+    exact constraint (−⅛ q²/k is added); constants: instead of the scene's; start: another state A of this scene that
+    the path starts from, instead of rest.
     With throw=True a solve that fails raises `SolveError`; with throw=False, and inside `jit` or `vmap`, the status
-    says so. Errors: ValueError or TypeError for an input out of its range.
+    says so. Errors: ValueError or TypeError for an input out of its range, ValueError for redundant constraints.
     """
-    ties = scene.kinematics(())
-    use = scene.constants if constants is None else checks.finite_tree("constants", constants)
-    T0_, beta_ = checks.scalar("T0", T0, "T0"), checks.scalar("beta", beta, "beta")
-    a_over_D_ = checks.scalar("a_over_D", 0.0 if a_over_D is None else a_over_D, "a_over_D")
-    system = lagrangian.build(scene, ties, weave=a_over_D is not None)
-    valid = (
-        checks.within(T0_, "T0")
-        & checks.within(beta_, "beta")
-        & checks.within(a_over_D_, "a_over_D")
-        & checks.tree_is_finite(use)
-    )
-    tensions, none = jnp.zeros(system.weight.shape), jnp.zeros((0, 3))
-    end = Inputs(use, T0_, a_over_D_, beta_, tensions, tensions, ties.offset, none, none)
-    rest = end._replace(beta=jnp.zeros_like(beta_))
-    return _solve(scene, system, jnp.zeros(system.size), rest, end, valid, settings, throw, from_rest=True)
+    system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants)
+    z, begin = jnp.zeros(system.size), end._replace(beta=jnp.zeros_like(end.beta))
+    if start is not None:
+        _check_start(scene, start, "start")
+        if (start.q is None) != (a_over_D is None):
+            raise ValueError("start must have the weave if a_over_D is given, and be without it if a_over_D is None")
+        u = start.u.reshape(-1)
+        multipliers = [start.p] if start.q is None else [start.p, start.q]
+        z, begin = jnp.concatenate([unknowns(system, u, end.offset), *multipliers]), start.inputs
+        valid = valid & start.converged
+    return _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
 
 
-def load(state: State, *conditions: Condition, settings: Settings = DEFAULT, throw: bool = True) -> State:
+def load(
+    state: State, *conditions: Condition, start: State | None = None, settings: Settings = DEFAULT, throw: bool = True
+) -> State:
     """State C: the body of a free contraction A under loads, its pseudo-active tensions frozen in (paper, step 2).
 
     Stationary point over u, p of ∫ W* + ½ βT0 ln I4 + ½ T_A^f ln I4 + ½ T_A^cf ln I6 − ½ p (I3−1) dV less the work of
-    the tractions, on the branch that starts at A. conditions: `Stretch`, `Displacement`, `Planar`, `Traction`; what is
-    not prescribed is free. throw: as in `contract`.
+    the loads. conditions: `Stretch`, `Displacement`, `Planar`, `Traction`, `Pressure`, `Spring`; what is not prescribed
+    is free. The path starts at the state A without load, or at `start`, another state C of this scene (the next step of
+    a cycle): loads, tensions and activation then move together from those of `start` to the new ones, and what `start`
+    was held by fades. A body can have several states C under one load; where the path starts decides which is found.
+    throw: as in `contract`.
     """
     if jnp.ndim(state.status):
         raise TypeError(
             f"state is a batch of shape {jnp.shape(state.status)}; load each with jax.vmap, or one by state[i]"
         )
-    if not checks.is_traced(state.status) and not bool(state.converged):
-        raise ValueError(f"state is not a converged free contraction: {state.message}")
+    _check_start(state.scene, state, "state")
+    if start is not None:
+        _check_start(state.scene, start, "start")
     for c in conditions:
-        if not isinstance(c, Tie | Traction):
-            raise TypeError(f"a condition must be Stretch, Displacement, Planar, Homogeneous or Traction; got {c!r}")
-    scene = state.scene
-    tractions = [c for c in conditions if isinstance(c, Traction)]
-    ties = scene.kinematics(tuple(c for c in conditions if not isinstance(c, Traction)))
-    quads, nominal, cauchy = _tractions(scene, tractions)
-    system = lagrangian.build(scene, ties, weave=False, quads=quads)
-    end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, nominal=nominal, cauchy=cauchy)
-    # At the start of the path the body is just state A: what the ties cannot express of it is an offset that fades.
-    u = state.u.reshape(-1)
-    z_u = _reduce(ties, u - jnp.where(jnp.isfinite(ties.offset), ties.offset, 0.0))
-    held = u - ties.scale * z_u[ties.index] if ties.size else u
-    start = end._replace(offset=held, nominal=jnp.zeros_like(nominal), cauchy=jnp.zeros_like(cauchy))
+        if not isinstance(c, Condition):
+            raise TypeError(
+                "a condition must be Stretch, Displacement, Planar, Uniform, Proportional, Homogeneous, Traction, "
+                f"Pressure or Spring; got {c!r}"
+            )
+    scene, origin = state.scene, state if start is None else start
+    loads = tuple(c for c in conditions if not isinstance(c, Tie))
+    ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
+    surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
+    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces)
+    none = jnp.zeros(system.size)
+    end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, imbalance=none)
+    # At the start of the path the body is where it was: what the ties cannot express of that is an offset that fades.
+    u = origin.u.reshape(-1)
+    z_u = unknowns(system, u, ties.offset)
+    begin = origin.inputs._replace(
+        T_f=origin.T_f, T_cf=origin.T_cf, offset=held(system, u, z_u), loads=before, imbalance=none
+    )
     stretches = [
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
-    valid = jnp.all(jnp.stack([checks.tree_is_finite(end), state.converged, *stretches]))
-    return _solve(scene, system, jnp.concatenate([z_u, state.p]), start, end, valid, settings, throw, from_rest=False)
+    valid = jnp.all(jnp.stack([checks.tree_is_finite(end), state.converged, origin.converged, *stretches]))
+    z = jnp.concatenate([z_u, origin.p])
+    if start is not None:
+        begin = begin._replace(imbalance=_residual(system, z, begin))
+    return _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
 
 
-def _reduce(ties: Ties, u: Array) -> Array:
-    """The unknowns (size,) that fit displacements less the offset (n_dof,) best: a mean over tied nodes."""
-    norm = np.bincount(ties.index, ties.scale**2, minlength=ties.size)[: ties.size]
-    total = jnp.zeros(max(ties.size, 1)).at[ties.index].add(ties.scale * u)
-    return total[: ties.size] / norm
+def contraction(
+    scene: Scene,
+    T0: ArrayLike,
+    a_over_D: ArrayLike | None,
+    beta: ArrayLike,
+    weave_stiffness: ArrayLike | None,
+    own: Any,
+) -> tuple[System, Inputs, Array]:
+    """The problem of a state A: system, inputs, and whether the inputs are in their ranges."""
+    constants = scene.constants if own is None else checks.finite_tree("constants", own)
+    T0_, beta_ = checks.scalar("T0", T0, "T0"), checks.scalar("beta", beta, "beta")
+    a_over_D_ = checks.scalar("a_over_D", 0.0 if a_over_D is None else a_over_D, "a_over_D")
+    valid = checks.within(T0_, "T0") & checks.within(beta_, "beta") & checks.within(a_over_D_, "a_over_D")
+    softness = jnp.zeros(())
+    if weave_stiffness is not None:
+        k = checks.scalar("weave_stiffness", weave_stiffness, "weave_stiffness")
+        softness, valid = 1.0 / k, valid & checks.within(k, "weave_stiffness")
+    ties = scene.kinematics(())
+    surfaces, springs = surface.build(scene.mesh, scene.springs)
+    system = lagrangian.build(scene, ties, weave=a_over_D is not None, surfaces=surfaces)
+    constraints.check_at_rest(scene, system, a_over_D, soft=weave_stiffness is not None)
+    system = jax.tree.map(jnp.asarray, system)
+    tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
+    inputs = Inputs(constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, none)
+    return system, inputs, valid & checks.tree_is_finite(constants)
 
 
-def _tractions(scene: Scene, tractions: Sequence[Traction]) -> tuple[np.ndarray, Array, Array]:
-    quads, nominal, cauchy = [np.zeros((0, 4), dtype=int)], [jnp.zeros((0, 3))], [jnp.zeros((0, 3))]
-    for c in tractions:
-        own = scene.mesh.face(c.face)
-        checks.choice("measure", c.measure, ["nominal", "cauchy"])
-        name = f"Traction({c.face!r})"
-        vector = (
-            jnp.asarray(c.vector, dtype=float) if checks.is_traced(c.vector) else checks.concrete(name, c.vector, (3,))
-        )
-        if vector.shape != (3,):
-            raise ValueError(f"{name} must have shape (3,) (kPa); got {vector.shape}")
-        on_all = jnp.broadcast_to(vector[None], (len(own), 3))
-        quads.append(own)
-        nominal.append(on_all if c.measure == "nominal" else jnp.zeros_like(on_all))
-        cauchy.append(on_all if c.measure == "cauchy" else jnp.zeros_like(on_all))
-    return np.concatenate(quads), jnp.concatenate(nominal), jnp.concatenate(cauchy)
+def unknowns(system: System, u: Array, offset: Array) -> Array:
+    """The unknown displacements (n_u,) that fit u (n_dof,) best: a mean over tied nodes."""
+    free = u - jnp.where(jnp.isfinite(offset), offset, 0.0)
+    index, scale, none = system.tie_index, system.tie_scale, jnp.zeros(max(system.n_u, 1))
+    fit = none.at[index].add(scale * free) / jnp.maximum(none.at[index].add(scale**2), jnp.finfo(u.dtype).tiny)
+    return fit[: system.n_u]
 
 
-@partial(jax.jit, static_argnames=("settings", "from_rest"))
-def _follow(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, settings: Settings, from_rest: bool
-) -> continuation.Solution:
-    return continuation.follow(system, z, start, end, valid, settings, from_rest=from_rest)
+def held(system: System, u: Array, z_u: Array) -> Array:
+    """The offset (n_dof,) with which the unknowns z_u stand for exactly the displacements u (n_dof,)."""
+    return u - system.tie_scale * z_u[system.tie_index] if system.n_u else u
+
+
+def _changing_loads(
+    scene: Scene, old: tuple[Load | Spring, ...], new: tuple[Load | Spring, ...]
+) -> tuple[dict[str, np.ndarray], dict[str, Array], dict[str, Array]]:
+    """The loaded quads, and their values before and after: old loads fade while new ones grow."""
+    if checks.same_structure(old, new):  # the same loads with other values
+        surfaces, after = surface.build(scene.mesh, (*scene.springs, *new))
+        return surfaces, surface.build(scene.mesh, (*scene.springs, *old))[1], after
+    faded, unborn = (jax.tree.map(lambda x: 0.0 * jnp.asarray(x, dtype=float), c) for c in (old, new))
+    surfaces, after = surface.build(scene.mesh, (*scene.springs, *faded, *new))
+    return surfaces, surface.build(scene.mesh, (*scene.springs, *old, *unborn))[1], after
+
+
+def _check_start(scene: Scene, state: State, name: str) -> None:
+    if not isinstance(state, State):
+        raise TypeError(f"{name} must be a State; got {state!r}")
+    if state.scene is not scene:
+        raise ValueError(f"{name} must be a state of the same scene")
+    if not checks.is_traced(state.status) and not np.all(state.converged):
+        raise ValueError(f"{name} is not converged: {state.message}")
+
+
+_residual = jax.jit(lagrangian.residual)
+_follow = jax.jit(continuation.follow, static_argnames=("settings",))
 
 
 def _solve(
@@ -131,20 +176,30 @@ def _solve(
     start: Inputs,
     end: Inputs,
     valid: Array,
+    conditions: Sequence[Load | Spring],
     settings: Settings,
     throw: bool,
     *,
     from_rest: bool,
 ) -> State:
-    s = _follow(system, z, start, end, valid, settings, from_rest)
-    n_e = len(system.cells)
-    state = State(
+    s = _follow(system, z, start, end, valid, jnp.array(from_rest), settings)
+    state = as_state(scene, system, s, tuple(conditions))
+    if throw and not checks.is_traced(s.status) and not bool(state.converged):
+        raise SolveError(state.message + constraints.at_failure(system, s.z, s.inputs), state)
+    return state
+
+
+def as_state(scene: Scene, system: System, s: continuation.Solution, conditions: tuple[Load | Spring, ...]) -> State:
+    """The end of a path as a state."""
+    p_and_q = s.z[system.n_u :]
+    return State(
         scene=scene,
         system=system,
         inputs=s.inputs,
+        conditions=conditions,
         u=system.displacements(s.z, s.inputs),
-        p=s.z[system.n_u : system.n_u + n_e],
-        q=s.z[system.n_u + n_e :] if system.weave else None,
+        p=p_and_q[: system.n_p],
+        q=p_and_q[system.n_p :] if system.weave else None,
         status=s.status,
         reached=s.reached,
         residual=s.residual,
@@ -157,6 +212,3 @@ def _solve(
         negative_eigenvalues=s.negative,
         zero_eigenvalues=s.zero,
     )
-    if throw and not checks.is_traced(s.status) and not bool(state.converged):
-        raise SolveError(state.message, state)
-    return state

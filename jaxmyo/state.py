@@ -1,18 +1,17 @@
 """A state of a body: the fields of an equilibrium, what it belongs to, and how it was found."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import checks, outputs
-from jaxmyo.energies import weave
-from jaxmyo.invariants import I4, I6
+from jaxmyo import checks, lagrangian, outputs, surface
+from jaxmyo.conditions import Load, Spring
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.status import Status, explain
@@ -29,8 +28,9 @@ def _per_state(function: Callable[..., Any]) -> Callable[..., Any]:
         def mapped(state: "State") -> Any:
             return function(state, *arguments)
 
+        axes = self._mapped_axes()
         for _ in range(jnp.ndim(self.status)):
-            mapped = jax.vmap(mapped)
+            mapped = jax.vmap(mapped, in_axes=(axes,))
         return mapped(self)
 
     return apply
@@ -42,17 +42,19 @@ class State:
     """An equilibrium: the fields, what they belong to, and how they were found. A pytree; every array may be batched.
 
     scene: the `Scene`; system: the discrete problem; inputs: constants, T0, a/D, β, tensions, loads of this state;
-    u: (n_nodes, 3) displacements [mm]; p: (n_elements,) pressure [kPa]; q: (n_elements,) weave multiplier [kPa], None
-    without the weave; status: see `Status`; reached: the fraction of the load at which the fields stand (1 if
-    converged); residual: relative; force_residual [mN]; constraint_residual [–]; history: relative residuals of the
-    last Newton loop, 0 beyond its end; steps, rejected, iterations: counts; negative_eigenvalues: of the second
-    variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of the saddle matrix, > 0 where a mode
-    has no stiffness; both −1 where an invalid input kept the solve from starting.
+    conditions: the tractions, pressures and springs that `load` was given; u: (n_nodes, 3) displacements θ − Θ in the
+    world coordinates [mm, rad]; p: (n_p,) pressure [kPa], one per patch (by default per element); q: (n_q,) weave
+    multiplier [kPa], likewise, None without the weave; status: see `Status`; reached: the fraction of the load at which
+    the fields stand (1 if converged); residual: relative; force_residual [mN, mN·mm]; constraint_residual [–]; history:
+    relative residuals of the last Newton loop, 0 beyond its end; steps, rejected, iterations: counts;
+    negative_eigenvalues: of the second variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of
+    the saddle matrix, > 0 where a mode has no stiffness; both −1 where an invalid input kept the solve from starting.
     """
 
     scene: Scene = field(metadata={"static": True})
     system: System
     inputs: Inputs
+    conditions: tuple[Load | Spring, ...]
     u: Array
     p: Array
     q: Array | None
@@ -76,14 +78,14 @@ class State:
     @property
     def message(self) -> str:
         """What happened, where, and what to try (of one state: `states[i].message` in a batch)."""
-        return explain(self.status, self.reached, self.residual)
+        loads = surface.values(self.scene.mesh, self.conditions, self.inputs.loads)
+        return explain(self.status, self.reached, self.residual, ", ".join(loads))
 
     @property
     @_per_state
     def F(self) -> Array:
-        """Deformation gradient (n_elements, n_points, 3, 3) [–]."""
-        nodes = self.u[self.system.cells]
-        return jnp.eye(3)[None, None] + jnp.einsum("eai,egaj->egij", nodes, self.system.dN)
+        """Deformation gradient (n_elements, n_points, 3, 3) [–], from the local basis of P to the deformed one."""
+        return lagrangian.deformation_gradients(self.system, self.u)
 
     @property
     @_per_state
@@ -100,14 +102,15 @@ class State:
     @property
     @_per_state
     def second_piola_kirchhoff(self) -> Array:
-        """S = 2 ∂W/∂C (n_elements, n_points, 3, 3) [kPa], Cartesian components in the state P."""
-        multipliers = jnp.stack([self.p] if self.q is None else [self.p, self.q], axis=-1)
+        """S = 2 ∂W/∂C (n_elements, n_points, 3, 3) [kPa], along the local unit vectors of the state P."""
+        per_patch = jnp.concatenate([self.p] if self.q is None else [self.p, self.q])
+        multipliers = per_patch[self.system.local_multipliers - self.system.n_u]
         return outputs.second_piola_kirchhoff(self.system, self.F, multipliers, self.inputs)
 
     @property
     @_per_state
     def cauchy(self) -> Array:
-        """Cauchy stress (n_elements, n_points, 3, 3) [kPa], Cartesian components."""
+        """Cauchy stress (n_elements, n_points, 3, 3) [kPa], along the local unit vectors of the deformed place."""
         return outputs.cauchy(self.F, self.second_piola_kirchhoff)
 
     @property
@@ -132,23 +135,20 @@ class State:
     def _tensions(self) -> tuple[Array, Array]:
         if self.q is None:
             return self.inputs.T_f, self.inputs.T_cf
-
-        def point(C: Array, frame: Array, q: Array) -> tuple[Array, Array]:
-            i4, i6 = I4(C, frame), I6(C, frame)
-            by_4, by_6 = jax.grad(weave, argnums=(0, 1))(i4, i6, q, self.inputs.a_over_D)
-            return 2.0 * by_4 * i4, 2.0 * by_6 * i6
-
-        return jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(self.C, self.system.frame, self.q)
+        return outputs.tensions(self.system, self.u, self.q, self.inputs)
 
     @property
     @_per_state
     def reactions(self) -> Array:
-        """Forces (n_nodes, 3) [mN] of the supports on the body; round-off at nodes that are free."""
-        return outputs.nodal_forces(self.system, self.F, self.second_piola_kirchhoff, self.u, self.inputs)
+        """Forces (n_nodes, 3) of the supports on the body [mN]; moments [mN·mm] for an angle. Round-off at free nodes.
+
+        They are conjugate to the world coordinates.
+        """
+        return outputs.nodal_forces(self.system, self.u, self.second_piola_kirchhoff, self.inputs)
 
     @_per_state
     def reaction(self, face: str) -> Array:
-        """Resultant (3,) [mN] of the supports' forces on the nodes of a named face."""
+        """Sum (3,) of the supports' forces on the nodes of a named face [mN]; a moment [mN·mm] for an angle."""
         return jnp.sum(self.reactions[np.unique(self.scene.mesh.face(face))], axis=0)
 
     def mean(self, name: str) -> Array:
@@ -163,7 +163,14 @@ class State:
         """One state, or some, of a batch that `vmap` made."""
         if not jnp.ndim(self.status):
             raise TypeError("this is one state, not a batch of states")
-        return jax.tree.map(lambda leaf: leaf[i], self)
+        one = jax.tree.map(lambda leaf: leaf[i], replace(self, system=cast(System, None)))
+        shared = jnp.ndim(self.system.weight) == 2
+        return replace(one, system=self.system if shared else jax.tree.map(lambda leaf: leaf[i], self.system))
+
+    def _mapped_axes(self) -> "State":
+        """What `vmap` takes apart: everything, but the system where all states of the batch share one."""
+        axes = jax.tree.map(lambda _: 0, self)
+        return replace(axes, system=cast(System, None)) if jnp.ndim(self.system.weight) == 2 else axes
 
     def __repr__(self) -> str:
         kind = "A, free contraction" if self.system.weave else "A without weave, or C"
@@ -174,11 +181,12 @@ class State:
             names, counts = np.unique(np.asarray(self.status), return_counts=True)
             how = ", ".join(f"{n} {Status(int(s)).name}" for s, n in zip(names, counts, strict=True))
             return f"{np.size(self.status)} states ({kind}) of {n_e} element(s): {how}"
+        loads = "".join(f", {x}" for x in surface.values(self.scene.mesh, self.conditions, self.inputs.loads))
         stretches = ", ".join(f"{float(x):.5f}" for x in self.mean("stretches"))
         return (
             f"State ({kind}) of {n_e} element(s): {self.message}\n"
-            f"  beta = {float(self.inputs.beta):g}, T0 = {float(self.inputs.T0):g} kPa; mean stretches {stretches} "
-            f"(fibre, cross-fibre, normal)\n"
+            f"  beta = {float(self.inputs.beta):g}, T0 = {float(self.inputs.T0):g} kPa{loads}; mean stretches "
+            f"{stretches} (fibre, cross-fibre, normal)\n"
             f"  {int(self.steps)} steps, {int(self.iterations)} iterations; negative eigenvalues: "
             f"{int(self.negative_eigenvalues)}, zero: {int(self.zero_eigenvalues)}"
         )

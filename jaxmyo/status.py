@@ -22,7 +22,7 @@ _MEANING = {
     Status.CONVERGED: "converged",
     Status.INVALID_INPUT: (
         "an input is outside its range or not finite; nothing was solved. Check beta in [0, 1], T0 >= 0 kPa, "
-        "a_over_D in [0, 1/4], stretches in (0.2, 5), and that constants and tractions are finite"
+        "a_over_D in [0, 1/4], stretches in (0.2, 5), weave_stiffness > 0 kPa, and that constants and loads are finite"
     ),
     Status.NO_DESCENT: (
         "no correction shrank the residual, however small the load step: every trial inverted an element, overflowed "
@@ -49,14 +49,15 @@ _MEANING = {
 }
 
 
-def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike) -> str:
-    """One sentence: what happened, how far the path came, the residual there, and what to try."""
+def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike, loads: str = "") -> str:
+    """One sentence: what happened, how far the path came (`loads`: which are there), the residual, and what to try."""
     s = Status(int(np.asarray(status)))
     if s is Status.CONVERGED:
         return f"converged (relative residual {float(np.asarray(residual)):.1e})"
     return (
-        f"{s.name} at {100 * float(np.asarray(reached)):.4g} % of the load (the fields are those of the last converged "
-        f"step, relative residual {float(np.asarray(residual)):.1e}): {_MEANING[s]}."
+        f"{s.name} at {100 * float(np.asarray(reached)):.4g} % of the load{', ' + loads if loads else ''} "
+        f"(the fields are those of the last converged step, relative residual {float(np.asarray(residual)):.1e}): "
+        f"{_MEANING[s]}."
     )
 
 

@@ -1,7 +1,8 @@
 """Ties: `full = offset + scale · reduced[index]`, one gather for every kinematic condition.
 
-A Dirichlet value, a symmetry plane, a face that stays plane and a homogeneous deformation are all of this form, so
-that a body of one unknown and one of a million run through the same elements and the same solver.
+A Dirichlet value, a symmetry plane, a face that stays plane, axial symmetry, generalised plane strain and a homogeneous
+deformation are all of this form, so that a body of one unknown and one of a million run through the same elements and
+the same solver.
 """
 
 from collections.abc import Sequence
@@ -12,8 +13,9 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks
-from jaxmyo.conditions import AXES, Displacement, Homogeneous, Planar, Stretch, Tie
+from jaxmyo import checks, surface
+from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Spring, Stretch, Tie, Uniform
+from jaxmyo.coordinates import evaluate
 from jaxmyo.mesh import Mesh
 
 
@@ -21,7 +23,7 @@ from jaxmyo.mesh import Mesh
 class Ties:
     """The kinematics of a body with `size` unknown displacements.
 
-    index, scale: (n_dof,) with n_dof = 3 n_nodes; offset: (n_dof,) prescribed displacements [mm].
+    index, scale: (n_dof,) with n_dof = 3 n_nodes; offset: (n_dof,) prescribed displacements [mm, rad].
     """
 
     index: NDArray[np.int64]
@@ -34,32 +36,40 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
     """The ties of a mesh under a list of conditions. Errors name the condition, and a conflict names both."""
     n_dof = mesh.points.size
     group, scale = np.arange(n_dof), np.ones(n_dof)  # u_i = scale_i · unknown of its group
-    for c in conditions:
-        if isinstance(c, Homogeneous):
-            group, scale = np.tile(np.arange(3), len(mesh.points)), mesh.points.reshape(-1).copy()
-    for c in conditions:
-        if isinstance(c, Planar):
-            dofs = _dofs(mesh, c.face, c.axis)
+    for c in _of_whole_components(mesh, conditions):
+        dofs = 3 * np.arange(len(mesh.points)) + mesh.axis(c.axis)
+        if (group[dofs] != dofs).any():
+            raise ValueError(
+                f"{c}: the displacement {c.axis!r} is tied by another Uniform, Proportional or Homogeneous"
+            )
+        if isinstance(c, Proportional):
+            group[dofs], scale[dofs] = dofs[0], mesh.points[:, mesh.axis(c.to)]
+        else:
+            group[dofs] = dofs[_first_of_each_line(mesh, c)]
+    for plane in conditions:
+        if isinstance(plane, Planar):
+            dofs = _dofs(mesh, plane.face, plane.axis)
             if np.ptp(scale[dofs]) > 1e-12 * np.abs(scale[dofs]).max():
-                raise ValueError(f"{c} contradicts the homogeneous deformation: the face is not plane along {c.axis}")
+                raise ValueError(f"{plane} contradicts another tie: the face is not plane along {plane.axis}")
             group[np.isin(group, group[dofs])] = group[dofs].min()
     fixed = [c for c in conditions if isinstance(c, Displacement | Stretch)]
     owner = np.full(n_dof, -1)  # which condition prescribes a group
     offset = jnp.zeros(n_dof)
-    for k, c in enumerate(fixed):
-        face = c.face if isinstance(c, Displacement) else f"{c.axis}1"
-        dofs = _dofs(mesh, face, c.axis)
-        value = _value(mesh, c)
-        if (scale[dofs] == 0.0).any():  # nodes that a homogeneous deformation does not move
-            if checks.is_traced(value) or float(value) != 0.0:
-                raise ValueError(f"{c} contradicts the homogeneous deformation, which does not move that face")
-            continue
+    for k, f in enumerate(fixed):
+        dofs = _dofs(mesh, f.face if isinstance(f, Displacement) else f"{f.axis}1", f.axis)
+        value = _value(mesh, f)
+        if checks.is_traced(value) or float(value) != 0.0:
+            if (scale[dofs] == 0.0).any():
+                raise ValueError(f"{f} contradicts another tie, which does not move that face along {f.axis}")
+            if np.ptp(scale[dofs]) > 1e-12 * np.abs(scale[dofs]).max():
+                raise ValueError(f"{f} contradicts another tie, which does not move that face as a whole")
+        dofs = dofs[scale[dofs] != 0.0]  # a node that another tie does not move is where it is
         for j in np.unique(owner[group[dofs]]):
             if j >= 0 and not _same(_value(mesh, fixed[j]), value):
-                raise ValueError(f"{c} contradicts {fixed[j]}: both prescribe {c.axis} of the same nodes")
+                raise ValueError(f"{f} contradicts {fixed[j]}: both prescribe {f.axis} of the same nodes")
         dofs = dofs[owner[group[dofs]] < 0]
         owner[group[dofs]] = k
-        unit = np.zeros(n_dof)  # what one mm of the condition does to each unknown
+        unit = np.zeros(n_dof)  # what one unit of the condition does to each unknown
         unit[group[dofs]] = 1.0 / scale[dofs]
         offset = offset + jnp.asarray(scale * unit[group]) * value
     scale = np.where(owner[group] >= 0, 0.0, scale)
@@ -68,35 +78,90 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
     return Ties(np.minimum(index, max(len(free) - 1, 0)), scale, offset, len(free))
 
 
-def rigid_motions(mesh: Mesh, ties: Ties) -> list[str]:
-    """Names of the rigid motions that the ties leave free (to first order), e.g. "rotation about z"."""
-    X = mesh.points - mesh.points.mean(axis=0)
-    X = X / np.abs(X).max()
-    modes = [np.broadcast_to(np.eye(3)[k], X.shape) for k in range(3)] + [np.cross(np.eye(3)[k], X) for k in range(3)]
-    R = np.stack([m.reshape(-1) for m in modes], axis=1)
+def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str]:
+    """Names of the rigid motions that ties and springs leave free (to first order), e.g. "rotation about z"."""
+    c = mesh.coordinates
+    x = evaluate(c.position, mesh.points)
+    centre, size = x.mean(axis=0), np.abs(x - x.mean(axis=0)).max()
+
+    def rigid(theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Six motions at points θ (n, 3), along the local unit vectors: (n, 3, 6); and the scale factors (n, 3)."""
+        X = (evaluate(c.position, theta) - centre) / size
+        basis = np.nan_to_num(evaluate(c.basis, theta))  # there is no e_φ on an axis
+        axes = np.broadcast_to(np.eye(3)[None], (len(X), 3, 3))
+        motions = np.concatenate([axes, np.cross(np.eye(3)[None], X[:, None]).swapaxes(1, 2)], axis=2)
+        return basis @ motions, evaluate(c.g, theta)
+
+    def as_motion(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """δθ_i = e_i · δx / g_i, (n, 3, 6)."""
+        along, g = rigid(theta)
+        return np.divide(along, g[:, :, None], out=np.zeros_like(along), where=g[:, :, None] > 1e-12 * g.max())
+
+    at_nodes = as_motion(mesh.points)
+    R = at_nodes.reshape(-1, 6)
     # Each degree of freedom hangs on one unknown: the projection on what the ties can move is a sum per unknown.
     norm = np.bincount(ties.index, ties.scale**2, minlength=max(ties.size, 1))
     norm[norm == 0.0] = 1.0
     coordinates = np.stack([np.bincount(ties.index, ties.scale * r, minlength=len(norm)) / norm for r in R.T], axis=1)
-    blocked = R - ties.scale[:, None] * coordinates[ties.index]
-    _, singular, vt = np.linalg.svd(blocked, full_matrices=False)
-    free = vt[singular < 1e-9 * np.sqrt(len(R))]
-    names = [f"translation along {a}" for a in AXES] + [f"rotation about {a}" for a in AXES]
+    blocked = [R - ties.scale[:, None] * coordinates[ties.index]]
+    if c.curved:
+        # An element that spans a large angle has no rigid motion where its nodes have one.
+        middle = mesh.points[mesh.cells].mean(axis=1)
+        along, g = rigid(middle)
+        strained = (at_nodes[mesh.cells].mean(axis=1) * g[:, :, None] - along).reshape(-1, 6)
+        blocked.append(np.where(np.abs(strained).max(axis=0) > 0.3, strained, 0.0))
+    for spring in springs:
+        quads = mesh.points[mesh.face(spring.face)]
+        at, normals = evaluate(lambda quad: jnp.stack(surface.normals(c, quad)), quads).swapaxes(0, 1).reshape(2, -1, 3)
+        moved, _ = rigid(at)
+        if spring.direction == "normal":
+            moved = np.einsum("qi,qim->qm", normals / np.linalg.norm(normals, axis=1)[:, None], moved)
+        blocked.append(moved.reshape(-1, 6))
+    rows = np.concatenate(blocked)
+    _, singular, vt = np.linalg.svd(rows, full_matrices=False)
+    free = vt[singular < 1e-9 * np.sqrt(len(rows))]
+    names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in "xyz"]
     return [names[int(np.argmax(np.abs(v)))] for v in free]
 
 
+def _of_whole_components(mesh: Mesh, conditions: Sequence[Tie]) -> list[Uniform | Proportional]:
+    """The ties of whole components; a homogeneous deformation is three of them."""
+    found: list[Uniform | Proportional] = []
+    for c in conditions:
+        if isinstance(c, Homogeneous):
+            if mesh.coordinates.curved:
+                raise ValueError(
+                    f"Homogeneous() needs Cartesian coordinates; the mesh has {mesh.coordinates.name} ones"
+                )
+            found += [Proportional(a, a) for a in mesh.coordinates.axes]
+        elif isinstance(c, Uniform | Proportional):
+            found.append(c)
+    return found
+
+
+def _first_of_each_line(mesh: Mesh, c: Uniform) -> NDArray[np.int64]:
+    """For each node the first node of the line (plane, body) along which a component is uniform."""
+    along = {mesh.axis(a) for a in c.along}
+    across = [k for k in range(3) if k not in along]
+    if not across:
+        return np.zeros(len(mesh.points), dtype=np.int64)
+    key = np.round(mesh.points[:, across] / mesh.extent[across] * 1e9).astype(np.int64)
+    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[which.reshape(-1)])
+
+
 def _dofs(mesh: Mesh, face: str, axis: str) -> NDArray[np.int64]:
-    checks.choice("axis", axis, list(AXES))
-    return 3 * np.unique(mesh.face(face)) + AXES.index(axis)
+    component = mesh.axis(axis)
+    return 3 * np.unique(mesh.face(face)) + component
 
 
 def _value(mesh: Mesh, c: Displacement | Stretch) -> Array:
     if isinstance(c, Stretch):
-        length = float(mesh.extent[AXES.index(checks.choice("axis", c.axis, list(AXES)))])
+        length = float(mesh.extent[mesh.axis(c.axis)])
         return (checks.scalar(f"Stretch({c.axis!r})", c.value, "stretch") - 1.0) * length
     name = f"Displacement({c.face!r}, {c.axis!r})"
     if jnp.ndim(c.value) != 0:
-        raise ValueError(f"{name}: value must be a scalar (mm); got shape {jnp.shape(c.value)}")
+        raise ValueError(f"{name}: value must be a scalar (mm, rad); got shape {jnp.shape(c.value)}")
     return checks.finite_tree(name, c.value)
 
 

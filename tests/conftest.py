@@ -1,10 +1,55 @@
-"""Settings of the whole suite: JAX is strict about types and shapes, hypothesis draws the same examples every time."""
+"""Settings of the whole suite: JAX is strict about types and shapes, hypothesis draws the same examples every time.
+
+One run of `jaxmyo paper` for all tests that look at what it writes.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import hypothesis
 import jax
+import pytest
+
+#: The command `jaxmyo` with these arguments.
+Command = Callable[..., subprocess.CompletedProcess[str]]
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, max_examples=50, database=None)
 hypothesis.settings.load_profile("suite")
+
+
+@pytest.fixture(scope="session")
+def paper_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("paper")
+
+
+@pytest.fixture(scope="session")
+def run_jaxmyo(paper_folder: Path) -> Command:
+    """As a user runs it: in a process of its own, in `paper_folder`, with a cache directory of its own there."""
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "XDG_CACHE_HOME": str(paper_folder / "cache")}
+        command = [sys.executable, "-m", "jaxmyo", *arguments]
+        return subprocess.run(command, cwd=paper_folder, env=environment, capture_output=True, text=True)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def paper_run(run_jaxmyo: Command) -> subprocess.CompletedProcess[str]:
+    """The run with all sets, which compiles; it writes into `paper_folder`/all."""
+    return run_jaxmyo("paper", "--json", "--out", "all")
+
+
+@pytest.fixture(scope="session")
+def paper_result(paper_run: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    """What `paper_run` printed."""
+    assert paper_run.returncode == 0, paper_run.stderr
+    return json.loads(paper_run.stdout)

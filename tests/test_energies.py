@@ -196,7 +196,7 @@ def test_a_fibre_that_shortens_draws_its_neighbours_together(l1: float, a_over_D
 @given(numbers(0.3, 2.0), numbers(0.3, 2.0), numbers(-50.0, 50.0), numbers(0.0, 0.25))
 def test_pseudo_active_tensions_by_hand(l1: float, l2: float, q: float, a_over_D: float) -> None:
     """T_f = 2 I4 d/dI4 (-q h / 2) = -q (pi - 2)/4 l1^(-1/2) a/D, and T_cf = q l2 / 2."""
-    by_4, by_6, by_q = weave_gradient(l1**2, l2**2, q, a_over_D)
+    by_4, by_6, by_q = weave_gradient(l1**2, l2**2, q, a_over_D, 0.0)
     close(2.0 * l1**2 * by_4, -0.25 * q * (np.pi - 2.0) * l1**-0.5 * a_over_D)
     close(2.0 * l2**2 * by_6, 0.5 * q * l2)
     close(by_q, -0.5 * reference.constraint(l1, l2, a_over_D))

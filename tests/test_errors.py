@@ -331,7 +331,7 @@ def test_empty_mesh() -> None:
         ((1.0, np.nan, 1.0), (1, 1, 1), ("lengths", "finite")),
         ((1.0, 1.0), (1, 1, 1), ("lengths", "(3,)", "(2,)")),
         ((1.0, 1.0, 1.0), (1, 0, 1), ("elements", "integers", "0")),
-        ((1.0, 1.0, 1.0), (1, 1), ("elements", "three integers")),
+        ((1.0, 1.0, 1.0), (1, 1), ("elements", "3 integers")),
         ((1.0, 1.0, 1.0), (1, 1, 1.5), ("elements", "integers", "1.5")),
     ],
 )

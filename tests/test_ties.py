@@ -162,13 +162,13 @@ def test_conditions_that_agree_are_accepted(mesh: jm.Mesh) -> None:
 
 def test_a_homogeneous_body_cannot_move_its_symmetry_plane(mesh: jm.Mesh) -> None:
     assert ties.build(mesh, (jm.Homogeneous(), jm.Symmetry("x"))).size == 3
-    with pytest.raises(ValueError, match="homogeneous"):
+    with pytest.raises(ValueError, match="another tie"):
         ties.build(mesh, (jm.Homogeneous(), jm.Displacement("x0", "x", 0.1)))
 
 
 def test_a_plate_across_a_homogeneous_body_contradicts_it(mesh: jm.Mesh) -> None:
     assert ties.build(mesh, (jm.Homogeneous(), jm.Planar("x1", "x"))).size == 3
-    with pytest.raises(ValueError, match="homogeneous"):
+    with pytest.raises(ValueError, match="another tie"):
         ties.build(mesh, (jm.Homogeneous(), jm.Planar("x1", "y")))
 
 
@@ -198,8 +198,8 @@ ROTATIONS = {f"rotation about {a}" for a in "xyz"}
     ids=str,
 )
 def test_rigid_motions_that_stay_free_are_named(mesh: jm.Mesh, conditions: Any, free: set[str]) -> None:
-    assert len(ties.rigid_motions(mesh, ties.build(mesh, conditions))) == len(free)
-    assert set(ties.rigid_motions(mesh, ties.build(mesh, conditions))) == free
+    assert len(ties.rigid_motions(mesh, ties.build(mesh, conditions), ())) == len(free)
+    assert set(ties.rigid_motions(mesh, ties.build(mesh, conditions), ())) == free
 
 
 def test_rigid_motions_do_not_depend_on_size_or_place() -> None:
@@ -208,4 +208,4 @@ def test_rigid_motions_do_not_depend_on_size_or_place() -> None:
         shifted = jm.Mesh(mesh.points + 100.0 * scale, mesh.cells, mesh.faces)
         for body in (mesh, shifted):
             built = ties.build(body, (jm.Symmetry("x"), jm.Symmetry("y")))
-            assert ties.rigid_motions(body, built) == ["translation along z"]
+            assert ties.rigid_motions(body, built, ()) == ["translation along z"]

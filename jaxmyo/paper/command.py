@@ -1,4 +1,4 @@
-"""The command `jaxmyo paper`: compute, compare with the paper, write CSV files and figures."""
+"""The command `jaxmyo paper`: compute, compare with the paper, write CSV files, figures and the report."""
 
 import json
 import platform
@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxmyo.constants import SETS
-from jaxmyo.paper import output
+from jaxmyo.paper import output, report, sections
 from jaxmyo.paper.claims import Claim, claims
-from jaxmyo.paper.sample import A_OVER_D, DIRECTIONS, HALF, T0_KPA, Sample, sample
+from jaxmyo.paper.sample import A_OVER_D, HALF, T0_KPA, Sample, sample
 from jaxmyo.paper.table1 import REPRODUCED, Table, table1
 from jaxmyo.status import SolveError
 
@@ -50,11 +50,17 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
                 output.write_csv(out / "uniaxial.csv", output.uniaxial_rows(name, of_sample)),
             ]
             progress.done("CSV files")
-            files += [
+            pictures = [
                 figures.free_contraction(out / "free_contraction.png", name, of_sample),
                 figures.uniaxial(out / "uniaxial.png", name, of_sample),
             ]
-            progress.done("figures")
+            parts = [
+                sections.basis(names, _versions()),
+                sections.thin_sample(tables, name, of_sample, found, *pictures),
+            ]
+            page = report.write(out / "report.html", sections.TITLE, parts, sections.footer(files))
+            files += [*pictures, page]
+            progress.done("figures and report")
     except SolveError as error:
         _say(f"A state could not be computed, so nothing is reported: {error}")
         return 1
@@ -135,18 +141,8 @@ def _summary(tables: Mapping[str, Table], name: str, of_sample: Sample, found: l
     _say(f"\nThe paper's statements about the sample, with the constants '{name}':")
     for claim in found:
         _say(f"  {claim}")
-    if of_sample.unstable.any():
-        kinds = [
-            f"{kind} along {direction}"
-            for i, direction in enumerate(DIRECTIONS)
-            for b, kind in enumerate(("active", "passive"))
-            if of_sample.unstable[i, :, b].any()
-        ]
-        _say(
-            f"\n{of_sample.unstable.sum()} states of the uniaxial tests ({', '.join(kinds)}) are exact but unstable "
-            "equilibria: the law drives the two free stretches apart. They are marked in the figure, and "
-            "negative_eigenvalues counts the unstable modes in the CSV file."
-        )
+    if note := sections.unstable_note(of_sample):
+        _say(f"\n{note}")
 
 
 def _result(
@@ -166,16 +162,20 @@ def _result(
             "negative_eigenvalues": int(state.negative),
             "relative_residual": float(state.residual),
         }
-    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib")
     return {
         "table": {n: table.as_json() for n, table in tables.items()},
         "free_contraction": {"set": name, "s": 0.5, "beta": 1.0, "T0_kPa": T0_KPA, "a_over_D": A_OVER_D, **free},
         "uniaxial": {"set": name, "unstable_states": int(of_sample.unstable.sum())},
         "claims": [claim.as_json() for claim in found],
         "files": [str(file) for file in files],
-        "versions": {"python": platform.python_version(), **{p: version(p) for p in packages}},
+        "versions": _versions(),
         "seconds": seconds,
     }
+
+
+def _versions() -> dict[str, str]:
+    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib")
+    return {"python": platform.python_version(), **{p: version(p) for p in packages}}
 
 
 def _say(text: str) -> None:

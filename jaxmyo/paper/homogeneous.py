@@ -96,7 +96,8 @@ def contractions(constants: Any, T0: ArrayLike, a_over_D: ArrayLike, beta: Array
 def _with_weave(constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
     def one(T0: Array, a_over_D: Array, beta: Array) -> State:
         A = contract(SAMPLE, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False)
-        return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf))
+        without_q = A.inputs.imbalance[: A.system.n_u + A.system.n_p]
+        return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf, imbalance=without_q))
 
     return jax.vmap(one)(T0, a_over_D, beta)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo.conditions import AXES, Axis, Stretch
+from jaxmyo.conditions import Stretch
 from jaxmyo.paper.homogeneous import (
     COMPILER_OPTIONS,
     CONSTRAINT,
@@ -102,8 +102,8 @@ def _states(free: State) -> tuple[Point, Point]:
     start = jax.tree.map(lambda leaf: leaf[starts], free)
     way = jnp.tile(jnp.linspace(0.0, 1.0, N_STRETCHES), 4)
 
-    def test(axis: Axis) -> Point:
-        first = jnp.minimum(jax.vmap(lambda A: A.stretches[0, 0, AXES.index(axis)])(start), 1.0)
+    def test(axis: str) -> Point:
+        first = jnp.minimum(jax.vmap(lambda A: A.stretches[0, 0, "xyz".index(axis)])(start), 1.0)
         stretches = first + (LAST_STRETCH - first) * way
         return jax.vmap(lambda A, stretch: point(load(A, Stretch(axis, stretch), throw=False)))(start, stretches)
 

@@ -1,0 +1,107 @@
+"""Redundant constraints: are the conditions det F = 1 and h = 0 of a body independent of each other?
+
+An element of a tube with planar ends and struts along its axis must meet both; with one p and one q per element, three
+elements through the wall have more conditions than displacements. Then q is not unique, or nothing can move.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from jaxmyo import checks, lagrangian
+from jaxmyo.invariants import weave_h
+from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.scene import Scene
+
+_CHEAP = 3e8  # operations of the singular values, well below a second
+_ZERO = 1e-9  # singular values of normalised rows, relative to the largest
+
+
+def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, soft: bool) -> None:
+    """A ValueError if the constraints, linearised at rest, are redundant. The rank is computed where that is cheap.
+
+    Nor may they leave a mesh no displacement free: such a body is locked, and its multipliers would be arbitrary.
+    soft: the weave has a finite stiffness, and is no constraint. A traced a/D is taken as 0.2.
+    """
+    weave = system.weave and not soft
+    n_p, n_q = system.n_p, system.n_q if weave else 0
+    if system.n_u == 0:
+        return
+    if (n_p + n_q) ** 2 * system.n_u > _CHEAP:
+        if n_p + n_q >= system.n_u:
+            raise ValueError(_message(scene, n_p, n_q, system.n_u, system.n_u, system.n_u))
+        return
+    value = 0.2 if a_over_D is None or checks.is_traced(a_over_D) else float(np.asarray(a_over_D))
+    B = _jacobian_at_rest(system, value)[: n_p + n_q]
+    rank_p, rank = _rank(B[:n_p]), _rank(B)
+    if rank < n_p + n_q or (rank == system.n_u and len(system.cells) > 1):
+        raise ValueError(_message(scene, n_p, n_q, system.n_u, rank_p, rank))
+
+
+def at_failure(system: System, z: Array, inputs: Inputs) -> str:
+    """For a solve that failed: a sentence if the constraints are redundant at its last state, else nothing."""
+    n_u, n_hard = system.n_u, system.n_p + (system.n_q if float(inputs.softness) == 0.0 else 0)
+    if n_u == 0 or n_hard**2 * n_u > 10.0 * _CHEAP:
+        return ""
+    _, K = jax.jit(lagrangian.residual_and_tangent)(system, z, inputs)
+    B = np.asarray(K)[n_u : n_u + n_hard, :n_u]
+    rank = _rank(_normalised(system, B))
+    if rank == n_hard:
+        return ""
+    return f" There the {n_hard} constraints are redundant: only {rank} of them are independent of each other."
+
+
+def _jacobian_at_rest(system: System, a_over_D: float) -> NDArray[np.float64]:
+    """The rows of −½ (I3 − 1) and −½ h (n_p + n_q, n_u), integrated over the patches, in normalised form."""
+    dF = np.asarray(system.gradient).reshape(*system.weight.shape, 3, 3, -1)
+    weight, frame = np.asarray(system.weight), np.asarray(system.frame)
+    rows = [-np.einsum("eg,egiil->el", weight, dF)]
+    if system.weave:
+        with jax.ensure_compile_time_eval():
+            one = jnp.ones(())
+            by_4, by_6 = (float(d) for d in jax.grad(weave_h, argnums=(0, 1))(one, one, jnp.asarray(a_over_D)))
+        for derivative, k, store in ((by_4, 0, rows), (by_6, 1, rows)):
+            store.append(-derivative * np.einsum("eg,egi,egijl,egj->el", weight, frame[:, :, k], dF, frame[:, :, k]))
+        rows = [rows[0], rows[1] + rows[2]]
+    B = np.zeros((system.size, system.n_u))
+    own = np.asarray(system.local_u)
+    for row, patch in zip(rows, np.asarray(system.local_multipliers).T, strict=True):
+        np.add.at(B, (patch[:, None], own), row)
+    return _normalised(system, B[system.n_u :])
+
+
+def _normalised(system: System, B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns by the strain that each unknown makes, then rows to length one (zero rows stay)."""
+    strain = np.zeros(system.n_u)
+    np.add.at(
+        strain, np.asarray(system.local_u), np.einsum("eg,egil->el", system.weight, np.asarray(system.gradient) ** 2)
+    )
+    B = B / np.sqrt(strain)[None, :]
+    length = np.linalg.norm(B, axis=1, keepdims=True)
+    return np.asarray(B / np.where(length > 0.0, length, 1.0))
+
+
+def _rank(B: NDArray[np.float64]) -> int:
+    if not B.size:
+        return 0
+    singular = np.linalg.svd(B, compute_uv=False)
+    return int(np.sum(singular > _ZERO * max(singular[0], 1.0)))
+
+
+def _message(scene: Scene, n_p: int, n_q: int, n_u: int, rank_p: int, rank: int) -> str:
+    what = f"incompressibility ({n_p} pressures p)" + (f" and the weave ({n_q} multipliers q)" if n_q else "")
+    axes = " or ".join(f'jaxmyo.columns(mesh, "{a}")' for a in scene.mesh.coordinates.axes[:1])
+    proposals = []
+    if n_q:
+        proposals += [f"one q per column of elements, q_patches={axes}", "a finite weave_stiffness [kPa]"]
+    if rank_p < n_p:
+        proposals.append("one p per block of elements, p_patches=jaxmyo.blocks(mesh)")
+    kind = "over-determined" if n_p + n_q > n_u else "redundant" if rank < n_p + n_q else "locking the body"
+    return (
+        f"the constraints are {kind}: {what} are {n_p + n_q} conditions on {n_u} displacements, and only {rank} of "
+        f"them are independent (of incompressibility alone: {rank_p}). "
+        f"Try {', or '.join(proposals) or 'fewer supports'}."
+    )

@@ -1,0 +1,152 @@
+"""A cycle of contraction: the states A and C along s, each from the one before."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from jaxmyo import checks, continuation, lagrangian, outputs, surface
+from jaxmyo.conditions import Condition, Load, Spring, Tie
+from jaxmyo.continuation import Solution
+from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.newton import Settings
+from jaxmyo.scene import Scene
+from jaxmyo.solve import DEFAULT, as_state, contraction, held, unknowns
+from jaxmyo.state import State
+from jaxmyo.status import SolveError, Status
+from jaxmyo.ties import Ties
+
+
+class Cycle(NamedTuple):
+    """The states of a cycle: s (n,) [–], and the n states A and C as two batches (`cycle.C[i]` is one state)."""
+
+    s: NDArray[np.float64]
+    A: State
+    C: State
+
+
+def cycle(
+    scene: Scene,
+    s: ArrayLike,
+    *,
+    T0: ArrayLike,
+    a_over_D: ArrayLike | None,
+    beta: Callable[[float], ArrayLike],
+    loads: Callable[[float], Sequence[Condition]],
+    weave_stiffness: ArrayLike | None = None,
+    constants: Any = None,
+    settings: Settings = DEFAULT,
+    throw: bool = True,
+) -> Cycle:
+    """States A and C at the times s (n,) of a cycle.
+
+    beta(s): activation; loads(s): what `load` is given, the same kinds of conditions at every s, for example
+    `lambda s: [Pressure("inner", 8.0 + 10.0 * sin(pi * s) ** 2)]`. The first A is found from rest and the first C from
+    it, so the cycle best starts passive; each further state from the one before: A in activation, C in loads, tensions
+    and activation together. Where the direct loading of an A would pass a limit point, the cycle stays on the branch it
+    came along. Other arguments as in `contract`; with throw=True the first state that is not found is a `SolveError`,
+    with throw=False its status says so, and the next step starts from the last state that was found.
+    """
+    times = checks.concrete("s", s, (None,))
+    if not times.size:
+        raise ValueError("s is empty: a cycle needs at least one time")
+    betas = np.array([float(checks.scalar(f"beta({t:g})", beta(float(t)), "beta")) for t in times])
+    every = [tuple(loads(float(t))) for t in times]
+    for t, conditions in zip(times, every, strict=True):
+        if not checks.same_structure(conditions, every[0]):
+            raise ValueError(f"loads({t:g}) are of other kinds or faces than loads({times[0]:g}): {conditions}")
+        for c in conditions:
+            if not isinstance(c, Condition):
+                raise TypeError(f"loads({t:g}) must be conditions as `load` is given; got {c!r}")
+    stacked = jax.tree.map(lambda *x: np.stack([np.asarray(v, dtype=np.float64) for v in x]), *every)
+    system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
+    on_faces = tuple(c for c in every[0] if not isinstance(c, Tie))
+    surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
+    system_C = lagrangian.build(scene, _ties(scene, every[0]), weave=False, surfaces=surfaces)
+
+    def of_one(conditions: tuple[Condition, ...], beta: Array) -> _Step:
+        on_faces = (c for c in conditions if not isinstance(c, Tie))
+        return _Step(beta, _ties(scene, conditions).offset, surface.build(scene.mesh, (*scene.springs, *on_faces))[1])
+
+    plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
+    found_A, found_C = _run(system_A, system_C, inputs, unloaded, plan, valid, settings)
+    A = _states(scene, system_A, found_A, ())
+    C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie)))
+    if throw and not checks.is_traced(found_C.status):
+        for name, states in (("A", A), ("C", C)):
+            if not bool(jnp.all(states.converged)):
+                k = int(np.argmin(np.asarray(states.converged)))
+                raise SolveError(f"state {name} at s = {times[k]:g}: {states[k].message}", states[k])
+    return Cycle(times, A, C)
+
+
+class _Step(NamedTuple):
+    """What a step of the cycle prescribes."""
+
+    beta: Array
+    offset: Array
+    loads: dict[str, Array]
+
+
+class _At(NamedTuple):
+    """Where the last step ended: the unknowns of A and C and the inputs that they belong to."""
+
+    z_A: Array
+    inputs_A: Inputs
+    z_C: Array
+    inputs_C: Inputs
+    begun: Array  # whether there is a state C
+
+
+@partial(jax.jit, static_argnames=("settings",))
+def _run(
+    system_A: System,
+    system_C: System,
+    inputs: Inputs,
+    unloaded: dict[str, Array],
+    plan: _Step,
+    valid: Array,
+    settings: Settings,
+) -> tuple[Solution, Solution]:
+    """The solutions A and C of all steps. inputs: of a state A, β apart; unloaded: the springs and no other load."""
+
+    def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
+        end = inputs._replace(beta=now.beta)
+        A = continuation.follow(system_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
+        found = A.status == Status.CONVERGED
+        u = system_A.displacements(A.z, A.inputs)
+        T_f, T_cf = inputs.T_f, inputs.T_cf
+        if system_A.weave:
+            T_f, T_cf = outputs.tensions(system_A, u, A.z[system_A.n_u + system_A.n_p :], A.inputs)
+        end = A.inputs._replace(T_f=T_f, T_cf=T_cf, offset=now.offset, loads=now.loads, imbalance=at.inputs_C.imbalance)
+        # The first C starts at A without load.
+        z_u = unknowns(system_C, u.reshape(-1), now.offset)
+        z_first = jnp.concatenate([z_u, A.z[system_A.n_u : system_A.n_u + system_A.n_p]])
+        first = end._replace(offset=held(system_C, u.reshape(-1), z_u), loads=unloaded)
+        z, begin = jax.tree.map(
+            lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
+        )
+        C = continuation.follow(system_C, z, begin, end, valid & found, jnp.array(False), settings)
+        return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)
+
+    rest = inputs._replace(beta=jnp.zeros(()))
+    nothing = inputs._replace(offset=plan.offset[0], loads=unloaded, imbalance=jnp.zeros(system_C.size))
+    start = _At(jnp.zeros(system_A.size), rest, jnp.zeros(system_C.size), nothing, jnp.array(False))
+    return jax.lax.scan(step, start, plan)[1]
+
+
+def _ties(scene: Scene, conditions: Sequence[Condition]) -> Ties:
+    return scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
+
+
+def _states(scene: Scene, system: System, found: Solution, conditions: tuple[Load | Spring, ...]) -> State:
+    """A batch of states that share one system."""
+    states = jax.vmap(lambda s, c: replace(as_state(scene, system, s, c), system=cast(System, None)))(found, conditions)
+    return replace(states, system=system)

@@ -1,0 +1,174 @@
+"""Forces on faces: dead and follower tractions, pressure in deformed geometry, springs.
+
+Each kind of load is one function of the deformed and the reference nodes of a quad. The forces are conjugate to the
+world coordinates: mN for a length, mN·mm for an angle.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxmyo import checks
+from jaxmyo.conditions import Load, Pressure, Spring, Traction
+from jaxmyo.coordinates import Coordinates
+from jaxmyo.hexahedron import gauss, shape, shape_gradient
+from jaxmyo.mesh import Mesh
+
+_XI, _W = gauss(2, 2)
+_N, _DN = shape(_XI), shape_gradient(_XI)
+
+
+def normals(c: Coordinates, theta: Array) -> tuple[Array, Array]:
+    """At the Gauss points of a quad with nodes θ (4, 3): the coordinates (4, 3), and normal × area × weight (4, 3)."""
+    at = jnp.asarray(_N) @ theta
+    tangents = jnp.einsum("gak,ai->gki", jnp.asarray(_DN), theta) * jax.vmap(c.g)(at)[:, None, :]
+    return at, jnp.cross(tangents[:, 0], tangents[:, 1]) * jnp.asarray(_W)[:, None]
+
+
+def _on_nodes(c: Coordinates, at: Array, physical: Array) -> Array:
+    """Forces (4, 3) at Gauss points, along the local unit vectors, as forces conjugate to the nodal coordinates."""
+    return jnp.asarray(_N).T @ (physical * jax.vmap(c.g)(at))
+
+
+def _traction(area: Array, c: Coordinates, theta: Array, vector: Array) -> Array:
+    at = jnp.asarray(_N) @ theta
+    return _on_nodes(c, at, jnp.linalg.norm(area, axis=-1)[:, None] * vector[None, :])
+
+
+def _nominal(c: Coordinates, theta: Array, reference: Array, vector: Array) -> Array:
+    return _traction(normals(c, reference)[1], c, theta, vector)
+
+
+def _cauchy(c: Coordinates, theta: Array, reference: Array, vector: Array) -> Array:
+    return _traction(normals(c, theta)[1], c, theta, vector)
+
+
+def _open(c: Coordinates, theta: Array, reference: Array, pressure: Array) -> Array:
+    at, normal = normals(c, theta)
+    return _on_nodes(c, at, -pressure * normal)
+
+
+def _closed(c: Coordinates, theta: Array, reference: Array, pressure: Array) -> Array:
+    return pressure * jax.grad(lambda nodes: cavity_volume(c, nodes))(theta)
+
+
+def _spring(c: Coordinates, theta: Array, reference: Array, stiffness: Array) -> Array:
+    return -jax.grad(lambda nodes: _spring_energy(c, nodes, reference, stiffness, normal=False))(theta)
+
+
+def _normal_spring(c: Coordinates, theta: Array, reference: Array, stiffness: Array) -> Array:
+    return -jax.grad(lambda nodes: _spring_energy(c, nodes, reference, stiffness, normal=True))(theta)
+
+
+def _spring_energy(c: Coordinates, theta: Array, reference: Array, stiffness: Array, *, normal: bool) -> Array:
+    At, N = normals(c, reference)
+    area = jnp.linalg.norm(N, axis=-1)
+    u = jax.vmap(c.position)(jnp.asarray(_N) @ theta) - jax.vmap(c.position)(At)
+    if normal:  # the normal in Cartesian components
+        direction = jnp.einsum("gi,gij->gj", N / area[:, None], jax.vmap(c.basis)(At))
+        return 0.5 * stiffness * jnp.sum(area * jnp.sum(u * direction, axis=-1) ** 2)
+    return 0.5 * stiffness * jnp.sum(area * jnp.sum(u**2, axis=-1))
+
+
+def cavity_volume(c: Coordinates, theta: Array) -> Array:
+    """What a quad (4, 3) adds to the volume [mm³] of the cavity that it bounds: −½ ∫ (x n_x + y n_y) da.
+
+    The field ½ (x, y, 0) has divergence 1 and no flux through planes that contain the z axis or are normal to it.
+    """
+    at = jnp.asarray(_N) @ theta
+    by_xi = jnp.einsum("gak,ai->gki", jnp.asarray(_DN), theta)
+    x = jax.vmap(c.position)(at)
+    tangents = jnp.einsum("gij,gkj->gki", jax.vmap(jax.jacfwd(c.position))(at), by_xi)
+    normal = jnp.cross(tangents[:, 0], tangents[:, 1])
+    return -0.5 * jnp.sum(jnp.asarray(_W) * jnp.sum((x * normal)[:, :2], axis=-1))
+
+
+#: kind of load → (coordinates, deformed nodes θ (4, 3), reference nodes Θ (4, 3), value) ↦ forces (4, 3).
+FORCES: dict[str, Callable[[Coordinates, Array, Array, Array], Array]] = {
+    "nominal": _nominal,
+    "cauchy": _cauchy,
+    "open": _open,
+    "closed": _closed,
+    "spring": _spring,
+    "normal spring": _normal_spring,
+}
+
+
+def build(mesh: Mesh, loads: Sequence[Load | Spring]) -> tuple[dict[str, NDArray[np.int64]], dict[str, Array]]:
+    """The quads (n, 4) and the values, (n, 3) or (n,) [kPa, kPa/mm], of each kind of load that acts on a mesh.
+
+    Errors name the load: unknown faces and kinds, values that are not finite or of the wrong shape, springs < 0.
+    """
+    quads: dict[str, list[NDArray[np.int64]]] = {}
+    values: dict[str, list[Array]] = {}
+    for load in loads:
+        own = mesh.face(load.face)
+        kind, value = _kind_and_value(load)
+        quads.setdefault(kind, []).append(own)
+        values.setdefault(kind, []).append(jnp.broadcast_to(value[None], (len(own), *value.shape)))
+    return {k: np.concatenate(v) for k, v in quads.items()}, {k: jnp.concatenate(v) for k, v in values.items()}
+
+
+def values(mesh: Mesh, conditions: Sequence[Load | Spring], loads: Mapping[str, Array]) -> list[str]:
+    """What each condition amounts to in the loads of a state, in words with units, e.g. "Pressure('inner') 8 kPa".
+
+    The quads of the conditions are the last ones of each kind.
+    """
+    beyond = {kind: len(v) for kind, v in loads.items()}
+    found = []
+    for c in reversed(conditions):
+        kind, _ = _kind_and_value(c)
+        beyond[kind] -= len(mesh.face(c.face))
+        numbers = " ".join(f"{x:.7g}" for x in np.ravel(np.asarray(loads[kind][beyond[kind]])))
+        found.append(f"{_name(c)} {numbers} {'kPa/mm' if isinstance(c, Spring) else 'kPa'}")
+    return found[::-1]
+
+
+def _kind_and_value(load: Load | Spring) -> tuple[str, Array]:
+    if isinstance(load, Traction):
+        return checks.choice("measure", load.measure, ["nominal", "cauchy"]), _value(load, load.vector, (3,), "kPa")
+    if isinstance(load, Pressure):
+        return checks.choice("ends", load.ends, ["open", "closed"]), _value(load, load.value, (), "kPa")
+    stiffness = _value(load, load.stiffness, (), "kPa/mm")
+    if not checks.is_traced(stiffness) and float(stiffness) < 0.0:
+        raise ValueError(f"{_name(load)}: stiffness = {load.stiffness} must be ≥ 0 (kPa/mm)")
+    kind = checks.choice("direction", load.direction, ["all", "normal"])
+    return ("spring" if kind == "all" else "normal spring"), stiffness
+
+
+def _value(load: Load | Spring, value: Any, shape: tuple[int, ...], unit: str) -> Array:
+    name = _name(load)
+    array = jnp.asarray(value, dtype=float) if checks.is_traced(value) else checks.concrete(name, value, shape)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape} ({unit}); got {array.shape}")
+    return jnp.asarray(array)
+
+
+def _name(load: Load | Spring) -> str:
+    return f"{type(load).__name__}({load.face!r})"
+
+
+def nodal_forces(
+    coordinates: Coordinates, surfaces: Mapping[str, Array], loads: Mapping[str, Array], theta: Array, reference: Array
+) -> Array:
+    """The sum of all loads at the nodes (n_nodes, 3) [mN, mN·mm]; theta, reference: (n_nodes, 3) coordinates."""
+    total = jnp.zeros(theta.shape)
+    for kind, quads in surfaces.items():
+        total = total.at[quads].add(quad_forces(coordinates, kind, theta[quads], reference[quads], loads[kind]))
+    return total
+
+
+def quad_forces(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
+    """Forces (n, 4, 3) of one kind of load on n quads with nodes (n, 4, 3)."""
+    return jax.vmap(lambda *quad: FORCES[kind](c, *quad))(theta, reference, values)
+
+
+def quad_tangents(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
+    """Their derivatives (n, 12, 12) by the nodal coordinates."""
+    by_theta = jax.vmap(lambda *quad: jax.jacfwd(lambda nodes: FORCES[kind](c, nodes, *quad[1:]))(quad[0]))
+    return by_theta(theta, reference, values).reshape(-1, 12, 12)
