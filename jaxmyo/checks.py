@@ -45,18 +45,23 @@ def concrete(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np
 
 def scalar(name: str, value: ArrayLike, kind: str) -> Array:
     """The value as a float64 scalar inside `RANGES[kind]`; traced values pass and are judged by `within`."""
-    low, high, unit = RANGES[kind]
     if is_traced(value):
         if jnp.ndim(value) != 0:
             raise ValueError(f"{name} must be a scalar; got shape {jnp.shape(value)}. Use jax.vmap for many values.")
         return jnp.asarray(value, dtype=float)
+    return jnp.asarray(number(name, value, kind), dtype=float)
+
+
+def number(name: str, value: Any, kind: str) -> float:
+    """The value as a number inside `RANGES[kind]`; nothing traced, no JAX."""
+    low, high, unit = RANGES[kind]
     if np.ndim(value) != 0:
         raise ValueError(f"{name} must be a scalar; got shape {np.shape(value)}. Use jax.vmap for many values.")
     number = float(concrete(name, value, ()))
     if not (low < number < high if kind in _OPEN else low <= number <= high):
         brackets = "()" if kind in _OPEN else "[]"
         raise ValueError(f"{name} = {number:g} is outside {brackets[0]}{low:g}, {high:g}{brackets[1]} ({unit})")
-    return jnp.asarray(number, dtype=float)
+    return number
 
 
 def within(value: Array, kind: str) -> Array:

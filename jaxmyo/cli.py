@@ -30,15 +30,17 @@ def _parser() -> argparse.ArgumentParser:
     paper = commands.add_parser(
         "paper",
         help="recompute the paper's results and compare them with what it prints",
-        description="Recompute the results of the paper for the thin sample: Table 1, the free contraction and the "
-        "uniaxial tests; print Table 1 beside the printed values and write CSV files and figures.",
+        description="Recompute the results of the paper: of the thin sample Table 1, the free contraction and the "
+        "uniaxial tests, of the active tube its cycle and how far it is from the exact solution. Print Table 1 beside "
+        "the printed values; write CSV files, states of the tube for ParaView (.vtu), figures, and report.html, which "
+        "shows it all and holds every statement of the paper against what comes out.",
     )
     paper.add_argument("--out", type=Path, default=Path("paper-out"), metavar="DIR", help="default: %(default)s")
     paper.add_argument(
         "--set",
         choices=list(SETS),
-        help="one set of material constants for the table and the figures (default: Table 1 with all three, figures "
-        "with table1)",
+        help="one set of material constants for the table, the figures and the tube (default: Table 1 with all three, "
+        "everything else with table1)",
     )
     paper.add_argument("--json", action="store_true", help="one JSON object on stdout instead of the table")
     return parser

@@ -82,8 +82,8 @@ class Homogeneous:
 class Traction:
     """A traction vector (3,) [kPa = mN/mm²] on a face, its components along the local unit vectors e_i(θ).
 
-    In Cartesian coordinates it is fixed in direction.
-    measure "nominal": force per area of the zero-stress state P (a dead load);
+    In Cartesian coordinates it is fixed in direction; in curved ones it turns with the point that it acts on.
+    measure "nominal": force per area of the zero-stress state P (a dead load, if fixed in direction);
     measure "cauchy": force per deformed area (it follows the area; its tangent is not symmetric).
     """
 

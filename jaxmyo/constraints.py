@@ -32,7 +32,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
         return
     if (n_p + n_q) ** 2 * system.n_u > _CHEAP:
         if n_p + n_q >= system.n_u:
-            raise ValueError(_message(scene, n_p, n_q, system.n_u, system.n_u, system.n_u))
+            raise ValueError(_message(scene, n_p, n_q, system.n_u, min(n_p, system.n_u), system.n_u))
         return
     value = 0.2 if a_over_D is None or checks.is_traced(a_over_D) else float(np.asarray(a_over_D))
     B = _jacobian_at_rest(system, value)[: n_p + n_q]
@@ -98,7 +98,9 @@ def _message(scene: Scene, n_p: int, n_q: int, n_u: int, rank_p: int, rank: int)
     if n_q:
         proposals += [f"one q per column of elements, q_patches={axes}", "a finite weave_stiffness [kPa]"]
     if rank_p < n_p:
-        proposals.append("one p per block of elements, p_patches=jaxmyo.blocks(mesh)")
+        proposals.append(
+            "one p per block or column of elements, p_patches=jaxmyo.blocks(mesh) or jaxmyo.columns(mesh, axis)"
+        )
     kind = "over-determined" if n_p + n_q > n_u else "redundant" if rank < n_p + n_q else "locking the body"
     return (
         f"the constraints are {kind}: {what} are {n_p + n_q} conditions on {n_u} displacements, and only {rank} of "

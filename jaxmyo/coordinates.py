@@ -48,6 +48,12 @@ class Coordinates:
             return self.scale_factors(theta)
         return jnp.sqrt(jnp.sum(jax.jacfwd(self.position)(theta) ** 2, axis=0))
 
+    def inside(self, theta: Any) -> Array:
+        """Whether θ (3,) is where the coordinates are right-handed: not at a negative radius, for example."""
+        if self.scale_factors is not None:
+            return jnp.all(self.scale_factors(theta) > 0.0)
+        return jnp.linalg.det(jax.jacfwd(self.position)(theta)) > 0.0
+
     def basis(self, theta: Any) -> Array:
         """The local orthonormal basis at θ (3,) in Cartesian components (3, 3); rows e_1, e_2, e_3."""
         by_theta = jax.jacfwd(self.position)(theta)
@@ -57,7 +63,7 @@ class Coordinates:
 def evaluate(function: Map, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """A function of each of n points (n, ...), in numbers: also while JAX traces, since meshes are not traced."""
     with jax.ensure_compile_time_eval():
-        return np.asarray(jax.vmap(function)(jnp.asarray(points)))
+        return np.asarray(jax.jit(jax.vmap(function))(jnp.asarray(points)))
 
 
 def _cartesian(theta: Array) -> Array:

@@ -12,13 +12,13 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, continuation, lagrangian, outputs, surface
+from jaxmyo import checks, continuation, outputs, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
-from jaxmyo.solve import DEFAULT, as_state, contraction, held, unknowns
+from jaxmyo.solve import DEFAULT, as_state, contraction, held, loading, unknowns
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 from jaxmyo.ties import Ties
@@ -47,7 +47,7 @@ def cycle(
 ) -> Cycle:
     """States A and C at the times s (n,) of a cycle.
 
-    beta(s): activation; loads(s): what `load` is given, the same kinds of conditions at every s, for example
+    beta(s): activation, a number; loads(s): what `load` is given, the same kinds of conditions at every s, for example
     `lambda s: [Pressure("inner", 8.0 + 10.0 * sin(pi * s) ** 2)]`. The first A is found from rest and the first C from
     it, so the cycle best starts passive; each further state from the one before: A in activation, C in loads, tensions
     and activation together. Where the direct loading of an A would pass a limit point, the cycle stays on the branch it
@@ -57,7 +57,7 @@ def cycle(
     times = checks.concrete("s", s, (None,))
     if not times.size:
         raise ValueError("s is empty: a cycle needs at least one time")
-    betas = np.array([float(checks.scalar(f"beta({t:g})", beta(float(t)), "beta")) for t in times])
+    betas = np.array([checks.number(f"beta({t:g})", beta(float(t)), "beta") for t in times])
     every = [tuple(loads(float(t))) for t in times]
     for t, conditions in zip(times, every, strict=True):
         if not checks.same_structure(conditions, every[0]):
@@ -69,7 +69,7 @@ def cycle(
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
     on_faces = tuple(c for c in every[0] if not isinstance(c, Tie))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
-    system_C = lagrangian.build(scene, _ties(scene, every[0]), weave=False, surfaces=surfaces)
+    system_C = loading(scene, _ties(scene, every[0]), surfaces)
 
     def of_one(conditions: tuple[Condition, ...], beta: Array) -> _Step:
         on_faces = (c for c in conditions if not isinstance(c, Tie))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxmyo.conditions import Displacement, Proportional, Tie, Uniform
+from jaxmyo.conditions import Displacement, Homogeneous, Proportional, Tie, Uniform
 from jaxmyo.scene import Scene
 from jaxmyo.ties import Ties
 
@@ -24,7 +24,7 @@ def describe(scene: Scene) -> str:
             f"  displacements: {ties.size} unknown of {ties.scale.size} nodal ones ({_per_component(scene, ties)})",
             *(f"  tie: {_tie(t)}" for t in scene.supports if isinstance(t, Tie)),
             *(f"  spring: {s}, energy ½ k u² per area" for s in scene.springs),
-            f"  pressure p: {n_p}, {_patches(scene.p_patches)}, det F = 1 in the mean of each",
+            f"  pressure p: {n_p}, {_patches(scene.p_patches)}, I3 = 1 in the mean of each",
             f"  weave q: {n_q}, {_patches(scene.q_patches)}, in state A only, where contract() is given a_over_D",
             "  loads: none in state A; state C has those that load() is given, on the faces "
             + ", ".join(sorted(mesh.faces)),
@@ -74,6 +74,8 @@ def _patches(numbers: np.ndarray) -> str:
 def _left_out(scene: Scene) -> list[str]:
     """The variations that ties and Gauss points do not model."""
     found = []
+    if any(isinstance(t, Homogeneous) for t in scene.supports):
+        found.append("shear, and every deformation that is not homogeneous")
     for axis, order in zip(scene.mesh.coordinates.axes, scene.orders, strict=True):
         if order == 1:
             found.append(f"variation of strain along {axis} within an element (one Gauss point)")

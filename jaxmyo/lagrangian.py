@@ -216,8 +216,7 @@ def volume_ratios(system: System, u: Array) -> Array:
     """det F (n_elements, n_points); −1 where a coordinate left its range, such as a negative radius."""
     J = jnp.linalg.det(deformation_gradients(system, u))
     if system.coordinates.curved:
-        g = jax.vmap(jax.vmap(system.coordinates.g))(kinematics(system, u)[..., 9:])
-        J = jnp.where(jnp.all(g > 0.0, axis=-1), J, -1.0)
+        J = jnp.where(jax.vmap(jax.vmap(system.coordinates.inside))(kinematics(system, u)[..., 9:]), J, -1.0)
     return J
 
 

@@ -87,6 +87,8 @@ def inertia(system: System, scale: Scales, K: Array, z: Array) -> tuple[Array, A
     stable: ½ μ (I1 − 3) at rest does, ½ μ (I1 − 3 − ln I3), the same body with another pressure, does not.
     """
     n_u = system.n_u
+    if not n_u:
+        return jnp.array(0), jnp.array(system.size)
     G = modulus(system, scale, K, z)
     s = jnp.where(jnp.arange(system.size) < n_u, scale.unit / jnp.sqrt(scale.volume), G / jnp.sqrt(scale.volume))
     scaled = s[:, None] * (0.5 / G * (K + K.T)) * s[None, :]

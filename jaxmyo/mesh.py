@@ -60,18 +60,32 @@ class Mesh:
             )
         if self.coordinates.curved:
             at = np.einsum("ga,eai->egi", shape(gauss(2, 2, 2)[0]), points[cells])
-            g = evaluate(jax.vmap(self.coordinates.g), at)
-            if not (g > 0.0).all():  # also catches NaN
-                e, k, i = (int(n) for n in np.argwhere(~(g > 0.0))[0])
-                raise ValueError(
-                    f"element {e} leaves the {self.coordinates.name} coordinates: the scale factor of "
-                    f"{self.coordinates.axes[i]!r} is {g[e, k, i]:.3g} (must be > 0) at {at[e, k]}"
-                )
+            self._check_coordinates(at)
         if self.grid is not None and int(np.prod(self.grid)) != len(cells):
             raise ValueError(f"grid = {self.grid} does not have {len(cells)} elements")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "cells", cells.astype(np.int64))
         object.__setattr__(self, "faces", {k: np.asarray(v, dtype=np.int64) for k, v in self.faces.items()})
+
+    def _check_coordinates(self, at: NDArray[np.float64]) -> None:
+        """Errors for points (n_elements, n_points, 3) where the coordinates are not what they must be."""
+        name, axes = self.coordinates.name, self.coordinates.axes
+        g = evaluate(jax.vmap(self.coordinates.g), at)
+        if not (g > 0.0).all():  # also catches NaN
+            e, k, i = (int(n) for n in np.argwhere(~(g > 0.0))[0])
+            raise ValueError(
+                f"element {e} leaves the {name} coordinates: the scale factor of {axes[i]!r} is {g[e, k, i]:.3g} "
+                f"(must be > 0) at {at[e, k]}"
+            )
+        basis = evaluate(jax.vmap(self.coordinates.basis), at)
+        gram = np.abs(basis @ basis.swapaxes(-1, -2) - np.eye(3)).max(axis=(-1, -2))
+        right_handed = np.linalg.det(basis) > 0.0
+        if (gram > 1e-9).any() or not right_handed.all():
+            e, k = (int(n) for n in np.argwhere((gram > 1e-9) | ~right_handed)[0])
+            raise ValueError(
+                f"the {name} coordinates must be orthogonal and right-handed, e_1 × e_2 = e_3, without negative radii; "
+                f"at {at[e, k]} the local unit vectors are {basis[e, k].tolist()}"
+            )
 
     @property
     def extent(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.status import SolveError
+from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
 
@@ -85,7 +86,7 @@ def load(
     loads = tuple(c for c in conditions if not isinstance(c, Tie))
     ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
-    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces)
+    system = loading(scene, ties, surfaces)
     none = jnp.zeros(system.size)
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, imbalance=none)
     # At the start of the path the body is where it was: what the ties cannot express of that is an offset that fades.
@@ -97,7 +98,8 @@ def load(
     stretches = [
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
-    valid = jnp.all(jnp.stack([checks.tree_is_finite(end), state.converged, origin.converged, *stretches]))
+    good = (state.converged, origin.converged, surface.springs_are_valid(after))
+    valid = jnp.all(jnp.stack([checks.tree_is_finite(end), *good, *stretches]))
     z = jnp.concatenate([z_u, origin.p])
     if start is not None:
         begin = begin._replace(imbalance=_residual(system, z, begin))
@@ -128,7 +130,14 @@ def contraction(
     system = jax.tree.map(jnp.asarray, system)
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
     inputs = Inputs(constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, none)
-    return system, inputs, valid & checks.tree_is_finite(constants)
+    return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
+
+
+def loading(scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray]) -> System:
+    """The system of a state C."""
+    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces)
+    constraints.check_at_rest(scene, system, None, soft=False)
+    return jax.tree.map(jnp.asarray, system)
 
 
 def unknowns(system: System, u: Array, offset: Array) -> Array:

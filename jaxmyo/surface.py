@@ -124,9 +124,15 @@ def values(mesh: Mesh, conditions: Sequence[Load | Spring], loads: Mapping[str, 
     for c in reversed(conditions):
         kind, _ = _kind_and_value(c)
         beyond[kind] -= len(mesh.face(c.face))
-        numbers = " ".join(f"{x:.7g}" for x in np.ravel(np.asarray(loads[kind][beyond[kind]])))
+        numbers = " ".join(f"{x:.7g}" for x in np.ravel(np.asarray(loads[kind][beyond[kind]])) + 0.0)
         found.append(f"{_name(c)} {numbers} {'kPa/mm' if isinstance(c, Spring) else 'kPa'}")
     return found[::-1]
+
+
+def springs_are_valid(loads: Mapping[str, Array]) -> Array:
+    """Whether no spring has a negative stiffness, as a traced boolean."""
+    stiffness = [jnp.all(v >= 0.0) for kind, v in loads.items() if kind in ("spring", "normal spring")]
+    return jnp.all(jnp.stack([jnp.array(True), *stiffness]))
 
 
 def _kind_and_value(load: Load | Spring) -> tuple[str, Array]:

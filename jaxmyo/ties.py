@@ -36,16 +36,17 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
     """The ties of a mesh under a list of conditions. Errors name the condition, and a conflict names both."""
     n_dof = mesh.points.size
     group, scale = np.arange(n_dof), np.ones(n_dof)  # u_i = scale_i · unknown of its group
-    for c in _of_whole_components(mesh, conditions):
-        dofs = 3 * np.arange(len(mesh.points)) + mesh.axis(c.axis)
-        if (group[dofs] != dofs).any():
-            raise ValueError(
-                f"{c}: the displacement {c.axis!r} is tied by another Uniform, Proportional or Homogeneous"
-            )
-        if isinstance(c, Proportional):
-            group[dofs], scale[dofs] = dofs[0], mesh.points[:, mesh.axis(c.to)]
+    tied: dict[int, Tie] = {}
+    for c, whole in _of_whole_components(mesh, conditions):
+        component = mesh.axis(whole.axis)
+        dofs = 3 * np.arange(len(mesh.points)) + component
+        if component in tied:
+            raise ValueError(f"{c} contradicts {tied[component]}: both tie u_{whole.axis} of the whole body")
+        tied[component] = c
+        if isinstance(whole, Proportional):
+            group[dofs], scale[dofs] = dofs[0], mesh.points[:, mesh.axis(whole.to)]
         else:
-            group[dofs] = dofs[_first_of_each_line(mesh, c)]
+            group[dofs] = dofs[_first_of_each_line(mesh, whole)]
     for plane in conditions:
         if isinstance(plane, Planar):
             dofs = _dofs(mesh, plane.face, plane.axis)
@@ -53,7 +54,7 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
                 raise ValueError(f"{plane} contradicts another tie: the face is not plane along {plane.axis}")
             group[np.isin(group, group[dofs])] = group[dofs].min()
     fixed = [c for c in conditions if isinstance(c, Displacement | Stretch)]
-    owner = np.full(n_dof, -1)  # which condition prescribes a group
+    owner, asked_of = np.full(n_dof, -1), np.ones(n_dof)  # which condition prescribes a group, at nodes of which scale
     offset = jnp.zeros(n_dof)
     for k, f in enumerate(fixed):
         dofs = _dofs(mesh, f.face if isinstance(f, Displacement) else f"{f.axis}1", f.axis)
@@ -64,11 +65,12 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
             if np.ptp(scale[dofs]) > 1e-12 * np.abs(scale[dofs]).max():
                 raise ValueError(f"{f} contradicts another tie, which does not move that face as a whole")
         dofs = dofs[scale[dofs] != 0.0]  # a node that another tie does not move is where it is
-        for j in np.unique(owner[group[dofs]]):
-            if j >= 0 and not _same(_value(mesh, fixed[j]), value):
+        for g, first in zip(*np.unique(group[dofs], return_index=True), strict=True):
+            j = owner[g]
+            if j >= 0 and not _same(_value(mesh, fixed[j]) / asked_of[g], value / scale[dofs[first]]):
                 raise ValueError(f"{f} contradicts {fixed[j]}: both prescribe {f.axis} of the same nodes")
         dofs = dofs[owner[group[dofs]] < 0]
-        owner[group[dofs]] = k
+        owner[group[dofs]], asked_of[group[dofs]] = k, scale[dofs]
         unit = np.zeros(n_dof)  # what one unit of the condition does to each unknown
         unit[group[dofs]] = 1.0 / scale[dofs]
         offset = offset + jnp.asarray(scale * unit[group]) * value
@@ -82,7 +84,8 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
     """Names of the rigid motions that ties and springs leave free (to first order), e.g. "rotation about z"."""
     c = mesh.coordinates
     x = evaluate(c.position, mesh.points)
-    centre, size = x.mean(axis=0), np.abs(x - x.mean(axis=0)).max()
+    centre = x.mean(axis=0) * np.array([0.0, 0.0, 1.0] if c.curved else 1.0)  # on the axis that a body may turn about
+    size = np.abs(x - centre).max()
 
     def rigid(theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Six motions at points θ (n, 3), along the local unit vectors: (n, 3, 6); and the scale factors (n, 3)."""
@@ -111,6 +114,8 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
         strained = (at_nodes[mesh.cells].mean(axis=1) * g[:, :, None] - along).reshape(-1, 6)
         blocked.append(np.where(np.abs(strained).max(axis=0) > 0.3, strained, 0.0))
     for spring in springs:
+        if not checks.is_traced(spring.stiffness) and float(np.asarray(spring.stiffness)) == 0.0:
+            continue
         quads = mesh.points[mesh.face(spring.face)]
         at, normals = evaluate(lambda quad: jnp.stack(surface.normals(c, quad)), quads).swapaxes(0, 1).reshape(2, -1, 3)
         moved, _ = rigid(at)
@@ -124,18 +129,18 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
     return [names[int(np.argmax(np.abs(v)))] for v in free]
 
 
-def _of_whole_components(mesh: Mesh, conditions: Sequence[Tie]) -> list[Uniform | Proportional]:
-    """The ties of whole components; a homogeneous deformation is three of them."""
-    found: list[Uniform | Proportional] = []
+def _of_whole_components(mesh: Mesh, conditions: Sequence[Tie]) -> list[tuple[Tie, Uniform | Proportional]]:
+    """The ties of whole components, with the conditions that they come from; a homogeneous deformation is three."""
+    found: list[tuple[Tie, Uniform | Proportional]] = []
     for c in conditions:
         if isinstance(c, Homogeneous):
             if mesh.coordinates.curved:
                 raise ValueError(
                     f"Homogeneous() needs Cartesian coordinates; the mesh has {mesh.coordinates.name} ones"
                 )
-            found += [Proportional(a, a) for a in mesh.coordinates.axes]
+            found += [(c, Proportional(a, a)) for a in mesh.coordinates.axes]
         elif isinstance(c, Uniform | Proportional):
-            found.append(c)
+            found.append((c, c))
     return found
 
 

@@ -16,7 +16,21 @@ import jaxmyo as jm
 from jaxmyo import cli
 from jaxmyo.paper import command
 
-FILES = ["table1.csv", "free_contraction.csv", "uniaxial.csv", "free_contraction.png", "uniaxial.png", "report.html"]
+SAMPLE_CSV = ["table1.csv", "free_contraction.csv", "uniaxial.csv"]
+STATES = [
+    f"tube_{end}_{kind}{case}.vtu" for case in ("", "_without_constraint") for end in ("s0", "half") for kind in "AC"
+]
+PICTURES = [
+    "free_contraction.png",
+    "uniaxial.png",
+    "tube_pressure.png",
+    "tube_height.png",
+    "tube_inner_radius.png",
+    "tube_outer_radius.png",
+    "tube_accuracy.png",
+    "tube_weave.png",
+]
+FILES = [*SAMPLE_CSV, "tube.csv", "tube_weave.csv", *STATES, *PICTURES, "report.html"]
 
 
 def compiled(folder: Path) -> dict[str, int]:
@@ -42,7 +56,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_json_on_stdout(paper_result: dict[str, Any]) -> None:
-    assert list(paper_result) == ["table", "free_contraction", "uniaxial", "claims", "files", "versions", "seconds"]
+    keys = ["table", "free_contraction", "uniaxial", "claims", "tube", "files", "versions", "seconds"]
+    assert list(paper_result) == keys
     assert list(paper_result["table"]) == ["printed", "table1", "measured"]
     for table in paper_result["table"].values():
         assert set(table) == {"max_abs_diff", "rows"}
@@ -50,7 +65,7 @@ def test_json_on_stdout(paper_result: dict[str, Any]) -> None:
         assert all(set(row) == {"a_over_D", "T0", "ratio_percent", "sigma22"} for row in table["rows"])
     differences = {name: round(table["max_abs_diff"], 4) for name, table in paper_result["table"].items()}
     assert differences == {"printed": 5.0933, "table1": 0.0054, "measured": 5.7042}
-    assert {"python", "jaxmyo", "jax", "jaxlib", "numpy", "matplotlib"} == set(paper_result["versions"])
+    assert {"python", "jaxmyo", "jax", "jaxlib", "numpy", "matplotlib", "meshio"} == set(paper_result["versions"])
     assert paper_result["seconds"] > 0.0
 
 
@@ -72,14 +87,21 @@ def test_claims_say_what_is_not_reproduced(paper_result: dict[str, Any]) -> None
 
 
 def test_prose_and_progress_on_stderr(paper_run: subprocess.CompletedProcess[str]) -> None:
-    for text in ("done: figures", "table1: largest difference 0.0054, reproduces it", "NOT reproduced", "unstable"):
+    for text in (
+        "done: figures",
+        "done: tube of 32 elements",
+        "about the tube",
+        "table1: largest difference 0.0054, reproduces it",
+        "NOT reproduced",
+        "unstable",
+    ):
         assert text in paper_run.stderr
 
 
 def test_files(paper_folder: Path, paper_result: dict[str, Any]) -> None:
     assert [Path(file) for file in paper_result["files"]] == [Path("all") / name for name in FILES]
     assert sorted(p.name for p in (paper_folder / "all").iterdir()) == sorted(FILES)
-    for name in FILES[3:5]:
+    for name in PICTURES:
         data = (paper_folder / "all" / name).read_bytes()
         assert data[:8] == b"\x89PNG\r\n\x1a\n"
         width, height = struct.unpack(">II", data[16:24])
@@ -89,7 +111,7 @@ def test_files(paper_folder: Path, paper_result: dict[str, Any]) -> None:
 
 
 def test_csv_files(paper_folder: Path, paper_result: dict[str, Any]) -> None:
-    table, free, uniaxial = (rows(paper_folder / "all" / name) for name in FILES[:3])
+    table, free, uniaxial = (rows(paper_folder / "all" / name) for name in SAMPLE_CSV)
     assert (len(table), len(free), len(uniaxial)) == (60, 82, 488)
     state = {"T0_kPa", "lambda_f", "lambda_cf", "lambda_n", "sigma11_kPa", "sigma22_kPa", "T_f_kPa", "T_cf_kPa"}
     trust = {"negative_eigenvalues", "relative_residual"}
@@ -151,6 +173,7 @@ def test_one_set_as_a_table_on_stdout(paper_folder: Path, second: subprocess.Com
     assert "largest difference 5.7042" in second.stdout
     assert {row["set"] for row in rows(paper_folder / "one" / "table1.csv")} == {"measured"}
     assert {row["set"] for row in rows(paper_folder / "one" / "free_contraction.csv")} == {"measured"}
+    assert {row["set"] for row in rows(paper_folder / "one" / "tube.csv")} == {"measured"}
 
 
 def test_the_second_run_finds_the_compiled_code(
@@ -158,7 +181,7 @@ def test_the_second_run_finds_the_compiled_code(
 ) -> None:
     assert compiled(paper_folder) == after_first  # a run that missed them would have left more
     large = [size for size in after_first.values() if size > 100_000]
-    assert len(large) == 4  # contractions with and without the weave, the table, the uniaxial tests
+    assert len(large) == 4 + 6 + 2  # of the sample; the tube with and without the weave on three meshes; soft weaves
 
 
 @pytest.mark.parametrize(
@@ -191,12 +214,13 @@ def test_out_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.usefixtures("without_cache")
+@pytest.mark.parametrize("missing", ["tqdm", "meshio"])
 def test_a_missing_extra_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "tqdm", None)
+    monkeypatch.setitem(sys.modules, missing, None)
     assert cli.main(["paper", "--out", str(tmp_path)]) == 1
-    assert "pip install 'jaxmyo[paper]'" in capsys.readouterr().err
+    assert f"needs {missing}, which is not installed: pip install 'jaxmyo[paper]'" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("without_cache")

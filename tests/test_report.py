@@ -65,7 +65,12 @@ def test_loads_nothing(page: str) -> None:
 
 def test_structure(root: Element) -> None:
     assert len(root.findall(".//h1")) == 1
-    assert [text(h2) for h2 in root.iter("h2")] == ["Summary", "Constants and versions", "Thin sample"]
+    assert [text(h2) for h2 in root.iter("h2")] == [
+        "Summary",
+        "Constants and versions",
+        "Thin sample",
+        "Active thick-walled tube",
+    ]
     ids = [section.attrib["id"] for section in root.iter("section")]
     assert [f"#{name}" for name in ids[1:]] == [a.attrib["href"] for a in root.iter("a")]
     for element in root.iter("table"):
@@ -81,7 +86,10 @@ def test_every_claim_with_its_verdict(root: Element, paper_result: dict[str, Any
     claims = paper_result["claims"]
     verdict = {True: "reproduced", False: "not reproduced"}
     expected = [[c["statement"], c["paper"], c["computed"], verdict[c["reproduced"]]] for c in claims]
-    assert table(root, "Claims of the paper") == [["claim", "paper", "computed", "verdict"], *expected]
+    header = ["claim", "paper", "computed", "verdict"]
+    shown = [rows for name, rows in tables(root) if name.startswith("Claims of the paper")]
+    assert [rows[0] for rows in shown] == [header, header]
+    assert [row for rows in shown for row in rows[1:]] == expected
 
 
 def test_the_summary_counts(root: Element, paper_result: dict[str, Any]) -> None:
@@ -133,10 +141,47 @@ def test_free_contraction(root: Element) -> None:
 
 
 def test_the_figures_are_the_files(root: Element, paper_folder: Path) -> None:
-    files = [paper_folder / "all" / name for name in ("free_contraction.png", "uniaxial.png")]
-    assert images(root) == [file.read_bytes() for file in files]
-    for caption in root.iter("figcaption"):
-        assert "T0 = 35 kPa, a/D = 0.2, constants: table1" in text(caption)
+    of_tube = ["pressure", "height", "inner_radius", "outer_radius", "accuracy", "weave"]
+    names = ["free_contraction", "uniaxial", *(f"tube_{name}" for name in of_tube)]
+    assert images(root) == [(paper_folder / "all" / f"{name}.png").read_bytes() for name in names]
+    for name, caption in zip(names, root.iter("figcaption"), strict=True):
+        T0 = 15 if name.startswith("tube") else 35
+        assert f"T0 = {T0} kPa, a/D = 0.2, constants: table1" in text(caption)
+
+
+def test_the_tube(root: Element, paper_result: dict[str, Any]) -> None:
+    header, *states = table(root, "The tube at s = 0")
+    assert header[:6] == ["state", "s [–]", "constraint", "ri [mm]", "ro [mm]", "wall [mm]"]
+    cases = {"yes": "with_constraint", "no": "without_constraint"}
+    ends = {"0": "s0", "½": "half"}
+    assert len(states) == 8
+    for kind, s, acting, ri, ro, wall, height, q, *_ in states:
+        numbers = paper_result["tube"][cases[acting]][ends[s]][kind]
+        assert [ri, ro] == [f"{numbers[name]:.5f}" for name in ("ri_mm", "ro_mm")]
+        assert float(wall) == pytest.approx(float(ro) - float(ri), abs=1.5e-5)
+        assert height == f"{numbers['height_ratio']:.5f}"
+        assert (q == "–") == (kind == "C" or acting == "no")
+    exact = {tuple(row[:3]): row[3:] for row in table(root, "The exact tube")[1:]}
+    assert [x[:12] for x in exact["C", "½", "yes"][:3]] == ["3.3491537917", "4.7858769907", "0.7058649924"]
+    assert exact["A", "½", "yes"][3][:9] == "14.123834"
+
+
+def test_the_accuracy_of_the_tube(root: Element, paper_result: dict[str, Any]) -> None:
+    accuracy = paper_result["tube"]["accuracy"]
+    header, *rows = table(root, "Relative L2 error")
+    meshes = ["16 elements", "32 elements", "order [–]", "64 elements", "order [–]"]
+    assert header == ["state", "constraint", *meshes, "extrapolated"]
+    for kind, acting, *cells, extrapolated in rows:
+        case = {"yes": "with_constraint", "no": "without_constraint"}[acting]
+        errors = [mesh["relative_L2_error"][kind][case] for mesh in accuracy["meshes"]]
+        assert [cells[i] for i in (0, 1, 3)] == [f"{error:.2e}" for error in errors]
+        assert [cells[i] for i in (2, 4)] == [f"{order[kind][case]:.3f}" for order in accuracy["orders"]]
+        assert extrapolated == f"{accuracy['extrapolated_relative_L2_error'][kind][case]:.1e}"
+    times = table(root, "Time of these solves")[1:]
+    assert [row[:2] for row in times] == [["16", "8"], ["32", "164"], ["64", "8"]]
+    assert [row[2:] for row in times] == [
+        [f"{mesh['solve_seconds']:.2f}", f"{mesh['total_seconds']:.1f}"] for mesh in accuracy["meshes"]
+    ]
 
 
 def test_unstable_states_are_told(root: Element) -> None:

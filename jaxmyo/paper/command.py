@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from jaxmyo.constants import SETS
-from jaxmyo.paper import output, report, sections
+from jaxmyo.paper import output, report, sections, tube_section
 from jaxmyo.paper.claims import Claim, claims
 from jaxmyo.paper.sample import A_OVER_D, HALF, T0_KPA, Sample, sample
 from jaxmyo.paper.table1 import REPRODUCED, Table, table1
+from jaxmyo.paper.tube_results import STEPS, TubeResults, tube_results
 from jaxmyo.status import SolveError
 
 #: The set whose figures and claims are shown when no set is asked for.
@@ -24,9 +25,10 @@ DEFAULT_SET = "table1"
 def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
     """Compute and write everything; 0, or 1 with a message on stderr. `started`: of `time.perf_counter` [s]."""
     try:
+        import meshio  # type: ignore[import-untyped]  # noqa: F401  (used at the end, missed at the beginning)
         from tqdm import tqdm  # type: ignore[import-untyped]
 
-        from jaxmyo.paper import figures
+        from jaxmyo.paper import figures, tube_output
     except ModuleNotFoundError as error:
         _say(f"jaxmyo paper needs {error.name}, which is not installed: pip install 'jaxmyo[paper]'")
         return 1
@@ -39,9 +41,12 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
     except OSError as error:
         _say(f"--out {out}: cannot write there ({error.strerror})")
         return 1
-    _say(f"Computing Table 1 ({', '.join(names)}) and the thin sample ({name}); the first run compiles for a while.")
+    _say(
+        f"Computing Table 1 ({', '.join(names)}), the thin sample and the tube ({name}); the first run compiles for a "
+        "while."
+    )
     try:
-        with Progress(tqdm, total=4) as progress:
+        with Progress(tqdm, total=6 + STEPS) as progress:
             tables, of_sample = _solve(names, name, progress)
             found = claims(tables[name], of_sample)
             files = [
@@ -49,29 +54,39 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
                 output.write_csv(out / "free_contraction.csv", output.free_contraction_rows(name, of_sample)),
                 output.write_csv(out / "uniaxial.csv", output.uniaxial_rows(name, of_sample)),
             ]
-            progress.done("CSV files")
+            progress.done("CSV files of the sample")
             pictures = [
                 figures.free_contraction(out / "free_contraction.png", name, of_sample),
                 figures.uniaxial(out / "uniaxial.png", name, of_sample),
             ]
+            progress.done("figures of the sample")
+            of_tube = tube_results(SETS[name], progress.done)
+            files += tube_output.write_data(out, name, of_tube)
+            progress.done("files of the tube")
+            of_tube_pictures = tube_output.write_figures(out, name, of_tube)
+            csv_files = [file for file in files if file.suffix == ".csv"]
             parts = [
                 sections.basis(names, _versions()),
                 sections.thin_sample(tables, name, of_sample, found, *pictures),
+                tube_section.tube(name, of_tube, of_tube_pictures),
             ]
-            page = report.write(out / "report.html", sections.TITLE, parts, sections.footer(files))
-            files += [*pictures, page]
-            progress.done("figures and report")
+            page = report.write(out / "report.html", sections.TITLE, parts, sections.footer(csv_files))
+            files += [*pictures, *of_tube_pictures, page]
+            progress.done("figures of the tube and report")
     except SolveError as error:
-        _say(f"A state could not be computed, so nothing is reported: {error}")
+        _say(f"A state could not be computed, so there is no report: {error}")
         return 1
     except OSError as error:
         _say(f"{error.filename or out}: cannot write ({error.strerror})")
         return 1
     seconds = time.perf_counter() - started
-    _summary(tables, name, of_sample, found)
+    _summary(tables, name, of_sample, found, of_tube)
     _say(f"\nWritten in {seconds:.1f} s: {', '.join(map(str, files))}")
     if as_json:
-        print(json.dumps(_result(tables, name, of_sample, found, files, seconds), allow_nan=False, indent=1))
+        result = _result(tables, name, of_sample, [*found, *of_tube.claims])
+        result |= {"tube": tube_output.as_json(name, of_tube), "files": [str(file) for file in files]}
+        result |= {"versions": _versions(), "seconds": seconds}
+        print(json.dumps(result, allow_nan=False, indent=1))
     else:
         print("\n\n".join(format_table(n, t) for n, t in tables.items()))
     return 0
@@ -132,23 +147,24 @@ def format_table(name: str, table: Table) -> str:
     return "\n".join(lines)
 
 
-def _summary(tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim]) -> None:
+def _summary(
+    tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim], of_tube: TubeResults
+) -> None:
     """What reproduces and what does not, in words."""
     _say("\nTable 1 (40 entries in % and kPa; 'none' in the tables: no kinematic constraint):")
     for n, table in tables.items():
         verdict = "reproduces it" if table.reproduced else "does not reproduce it"
         _say(f"  {n}: largest difference {table.max_abs_diff:.4f}, {verdict} (limit {REPRODUCED})")
-    _say(f"\nThe paper's statements about the sample, with the constants '{name}':")
-    for claim in found:
-        _say(f"  {claim}")
+    for body, statements in (("sample", found), ("tube", of_tube.claims)):
+        _say(f"\nThe paper's statements about the {body}, with the constants '{name}':")
+        for claim in statements:
+            _say(f"  {claim}")
     if note := sections.unstable_note(of_sample):
         _say(f"\n{note}")
 
 
-def _result(
-    tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim], files: list[Path], seconds: float
-) -> dict[str, Any]:
-    """The object of --json. Stretches are without unit, tensions in kPa."""
+def _result(tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim]) -> dict[str, Any]:
+    """The claims, and the sample for the object of --json. Stretches are without unit, tensions in kPa."""
     free = {}
     for c, key in enumerate(("with_constraint", "without_constraint")):
         state = of_sample.free.at((c, HALF))
@@ -167,14 +183,11 @@ def _result(
         "free_contraction": {"set": name, "s": 0.5, "beta": 1.0, "T0_kPa": T0_KPA, "a_over_D": A_OVER_D, **free},
         "uniaxial": {"set": name, "unstable_states": int(of_sample.unstable.sum())},
         "claims": [claim.as_json() for claim in found],
-        "files": [str(file) for file in files],
-        "versions": _versions(),
-        "seconds": seconds,
     }
 
 
 def _versions() -> dict[str, str]:
-    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib")
+    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib", "meshio")
     return {"python": platform.python_version(), **{p: version(p) for p in packages}}
 
 

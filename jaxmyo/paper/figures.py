@@ -1,17 +1,15 @@
-"""The paper's figures of the sample. Open symbols: the coupling by the weave acts; full symbols: it does not."""
+"""The paper's figures of the thin sample."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from jaxmyo.paper import style
 from jaxmyo.paper.homogeneous import CONSTRAINT
 from jaxmyo.paper.sample import A_OVER_D, HALF, T0_KPA, S, Sample
 
-DPI = 200
 COLOURS = {"f": "#b2182b", "cf": "#2166ac", "cf'": "#1b7837"}
 ARROW = 1.2  # the stretch at which arrows show what the coupling does to an active curve
 MARKERS = {"f": "o", "cf": "s", "cf'": "^"}
@@ -19,7 +17,7 @@ MARKERS = {"f": "o", "cf": "s", "cf'": "^"}
 
 def free_contraction(path: Path, name: str, sample: Sample) -> Path:
     """Stretches of the free contraction over the cycle, β = sin² πs, as a PNG file."""
-    figure, axes = _figure(7.2, 4.6, 1)
+    figure, axes = style.figure(7.2, 4.6, 1)
     (ax,) = axes
     stretches = sample.free.stretches  # constraint × s × (f, cf, cf')
     for i, direction in enumerate(COLOURS):
@@ -28,17 +26,17 @@ def free_contraction(path: Path, name: str, sample: Sample) -> Path:
             every = (i % 2, 2) if i and not acting else (0, 1)
             label = f"({direction}) {'with' if acting else 'without'} coupling"
             _curve(ax, S, stretches[c, :, i], direction, acting, label, every)
-        _arrow(ax, S[HALF], stretches[1, HALF, i], stretches[0, HALF, i], direction)
+        style.arrow(ax, S[HALF], stretches[1, HALF, i], stretches[0, HALF, i], COLOURS[direction])
     ax.axhline(1.0, color="0.8", lw=0.8, zorder=0)
     ax.set(xlabel="time in the cycle s [–]", ylabel="stretch λ [–]", xlim=(0, 1))
     ax.set_title(f"Free contraction, β = sin² πs, T0 = {T0_KPA:g} kPa, a/D = {A_OVER_D:g}, constants: {name}")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    return _save(figure, path)
+    return style.save(figure, path)
 
 
 def uniaxial(path: Path, name: str, sample: Sample) -> Path:
     """Cauchy stress of the active and the passive uniaxial tests against the stretch, as a PNG file."""
-    figure, axes = _figure(9.6, 5.0, 2)
+    figure, axes = style.figure(9.6, 5.0, 2)
     for b, (ax, kind) in enumerate(zip(axes, ("active, β = 1", "passive, β = 0"), strict=True)):
         for i, direction in enumerate(("f", "cf")):
             for c, acting in enumerate(CONSTRAINT):
@@ -50,7 +48,7 @@ def uniaxial(path: Path, name: str, sample: Sample) -> Path:
                     ax.plot(x[unstable], y[unstable], color="0.87", lw=11, zorder=0, label="unstable equilibrium")
             if b == 0:
                 ends = [np.interp(ARROW, sample.stretch[i, c, b], sample.stress[i, c, b]) for c in (0, 1)]
-                _arrow(ax, ARROW, ends[1], ends[0], direction)
+                style.arrow(ax, ARROW, ends[1], ends[0], COLOURS[direction])
         ax.axhline(0.0, color="0.8", lw=0.8, zorder=0)
         ax.axvline(1.0, color="0.8", lw=0.8, zorder=0)
         ax.set(xlabel="stretch λ in the direction of the test [–]", ylabel="Cauchy stress σ in that direction [kPa]")
@@ -59,17 +57,7 @@ def uniaxial(path: Path, name: str, sample: Sample) -> Path:
     marked = dict(zip(*reversed(axes[1].get_legend_handles_labels()), strict=True))
     figure.suptitle(f"Uniaxial tests, T0 = {T0_KPA:g} kPa, a/D = {A_OVER_D:g}, constants: {name}", fontsize=11)
     figure.legend([*handles, *marked.values()], [*labels, *marked], loc="outside lower center", ncols=3, frameon=False)
-    return _save(figure, path)
-
-
-def _figure(width: float, height: float, columns: int) -> tuple[Figure, list[Any]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, columns, squeeze=False)[0]
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.title.set_fontsize(11)
-    return figure, list(axes)
+    return style.save(figure, path)
 
 
 def _curve(
@@ -81,27 +69,4 @@ def _curve(
     label: str | None,
     every: tuple[int, int],
 ) -> None:
-    colour = COLOURS[direction]
-    ax.plot(
-        x,
-        y,
-        color=colour,
-        lw=1.2,
-        marker=MARKERS[direction],
-        ms=5.5,
-        mfc="white" if acting else colour,
-        mec=colour,
-        markevery=every,
-        label=label,
-    )
-
-
-def _arrow(ax: Any, x: float, start: float, end: float, direction: str) -> None:
-    """From the curve without the coupling to the one with it, as in the paper."""
-    style = {"arrowstyle": "->", "color": COLOURS[direction], "lw": 1.4, "shrinkA": 6, "shrinkB": 6}
-    ax.annotate("", (x, end), (x, start), arrowprops=style)
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    figure.savefig(path, dpi=DPI, metadata={"Software": "jaxmyo"})
-    return path
+    style.curve(ax, x, y, COLOURS[direction], MARKERS[direction], acting, label, every)
