@@ -23,7 +23,7 @@ _ZERO = 1e-9  # singular values of normalised rows, relative to the largest
 def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, soft: bool) -> None:
     """A ValueError if the constraints, linearised at rest, are redundant. The rank is computed where that is cheap.
 
-    Nor may they leave a mesh no displacement free: such a body is locked, and its multipliers would be arbitrary.
+    Nor may the weave leave a mesh no displacement free: such a body is locked, and q has nothing to do with its muscle.
     soft: the weave has a finite stiffness, and is no constraint. A traced a/D is taken as 0.2.
     """
     weave = system.weave and not soft
@@ -31,13 +31,14 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
     if system.n_u == 0:
         return
     if (n_p + n_q) ** 2 * system.n_u > _CHEAP:
-        if n_p + n_q >= system.n_u:
+        if n_p + n_q > system.n_u:
             raise ValueError(_message(scene, n_p, n_q, system.n_u, min(n_p, system.n_u), system.n_u))
         return
     value = 0.2 if a_over_D is None or checks.is_traced(a_over_D) else float(np.asarray(a_over_D))
     B = _jacobian_at_rest(system, value)[: n_p + n_q]
     rank_p, rank = _rank(B[:n_p]), _rank(B)
-    if rank < n_p + n_q or (rank == system.n_u and len(system.cells) > 1):
+    locked = n_q > 0 and rank == system.n_u and len(system.cells) > 1
+    if rank < n_p + n_q or locked:
         raise ValueError(_message(scene, n_p, n_q, system.n_u, rank_p, rank))
 
 

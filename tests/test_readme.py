@@ -9,7 +9,7 @@ import pytest
 def test_examples_of_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
-    assert len(examples) == 2
+    assert len(examples) == 3
     exec("\n".join(examples), {})
     printed = capsys.readouterr().out
     assert "mean stretches 0.71837, 0.95894, 1.45166" in printed
