@@ -30,7 +30,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
     n_p, n_q = system.n_p, system.n_q if weave else 0
     if system.n_u == 0:
         return
-    if (n_p + n_q) ** 2 * system.n_u > _CHEAP:
+    if system.gradient is None or (n_p + n_q) ** 2 * system.n_u > _CHEAP:
         if n_p + n_q > system.n_u:
             raise ValueError(_message(scene, n_p, n_q, system.n_u, min(n_p, system.n_u), system.n_u))
         return
@@ -45,7 +45,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
 def at_failure(system: System, z: Array, inputs: Inputs) -> str:
     """For a solve that failed: a sentence if the constraints are redundant at its last state, else nothing."""
     n_u, n_hard = system.n_u, system.n_p + (system.n_q if float(inputs.softness) == 0.0 else 0)
-    if n_u == 0 or n_hard**2 * n_u > 10.0 * _CHEAP:
+    if n_u == 0 or system.gradient is None or n_hard**2 * n_u > 10.0 * _CHEAP:
         return ""
     _, K = jax.jit(lagrangian.residual_and_tangent)(system, z, inputs)
     B = np.asarray(K)[n_u : n_u + n_hard, :n_u]

@@ -16,6 +16,7 @@ from jaxmyo import checks, continuation, outputs, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.solve import DEFAULT, as_state, contraction, held, loading, unknowns
@@ -69,7 +70,7 @@ def cycle(
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
     on_faces = tuple(c for c in every[0] if not isinstance(c, Tie))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
-    system_C = loading(scene, _ties(scene, every[0]), surfaces)
+    system_C = loading(scene, _ties(scene, every[0]), surfaces, every[0])
 
     def of_one(conditions: tuple[Condition, ...], beta: Array) -> _Step:
         on_faces = (c for c in conditions if not isinstance(c, Tie))
@@ -117,9 +118,11 @@ def _run(
 ) -> tuple[Solution, Solution]:
     """The solutions A and C of all steps. inputs: of a state A, β apart; unloaded: the springs and no other load."""
 
+    lin_A, lin_C = Dense.of(system_A), Dense.of(system_C)
+
     def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
         end = inputs._replace(beta=now.beta)
-        A = continuation.follow(system_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
+        A = continuation.follow(lin_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
         found = A.status == Status.CONVERGED
         u = system_A.displacements(A.z, A.inputs)
         T_f, T_cf = inputs.T_f, inputs.T_cf
@@ -133,7 +136,7 @@ def _run(
         z, begin = jax.tree.map(
             lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
         )
-        C = continuation.follow(system_C, z, begin, end, valid & found, jnp.array(False), settings)
+        C = continuation.follow(lin_C, z, begin, end, valid & found, jnp.array(False), settings)
         return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)
 
     rest = inputs._replace(beta=jnp.zeros(()))

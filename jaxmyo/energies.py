@@ -8,7 +8,7 @@ is one more such function, passed to a scene; it should be stress-free at C = I 
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -17,6 +17,14 @@ from jaxmyo.constants import LinYin
 from jaxmyo.invariants import I1, I3, I4, I6, weave_h
 
 Law = Callable[[Array, Array, Array, Any], Array]
+
+
+class Kind(NamedTuple):
+    """What an element is made of: its law, whether it contracts, and whether the weave acts in it."""
+
+    law: Law
+    active: bool
+    weave: bool
 
 
 def lin_yin_passive(C: Array, frame: Array, constants: LinYin) -> Array:

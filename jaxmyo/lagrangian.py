@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from jaxmyo import energies, surface
 from jaxmyo.coordinates import Coordinates, evaluate
-from jaxmyo.energies import Law
+from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.invariants import I4, I6
+from jaxmyo.mesh import Mesh
 from jaxmyo.scene import Scene
 from jaxmyo.ties import Ties
 
@@ -29,13 +30,13 @@ from jaxmyo.ties import Ties
 class Inputs(NamedTuple):
     """What a path of states is driven by. Every leaf may change along the path and may be differentiated.
 
-    constants: the law's; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave [1/kPa], 0 for an exact
+    constants: the constants of each kind of material; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave [1/kPa], 0 for an exact
     constraint; T_f, T_cf: (n_elements, n_points) tensions left by state A [kPa]; offset: (n_dof,) prescribed
     displacements [mm, rad]; loads: kind → values on the quads of `System.surfaces` [kPa, kPa/mm]; imbalance: (size,)
     residual of the state that the path starts from, which fades along it.
     """
 
-    constants: Any
+    constants: tuple[Any, ...]
     T0: Array
     a_over_D: Array
     beta: Array
@@ -55,24 +56,28 @@ class System:
     The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave)].
 
     columns: (n_elements, n_points, 9 or 12, n_local) derivatives of H (9), and in curved coordinates of θ (3), by the
-    local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest;
-    weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3); local: (n_elements, n_local +
-    multipliers) positions in z; N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm];
-    theta, inverse_g: (n_elements, n_points, 3) Θ and 1/g(Θ); cells: (n_elements, 8);
+    local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest; local_u:
+    (n_elements, n_local) the displacements in z that an element feels; these three are None for a large body;
+    local_multipliers: (n_elements, 1 or 2) positions in z of the element's p and q; material: (n_elements,) which of the
+    `kinds` an element is made of;
+    weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3); N: (n_points, 8);
+    dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points, 3) Θ and 1/g(Θ); cells: (n_elements, 8);
     tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4); points: (n_nodes, 3) Θ [mm, rad].
     """
 
-    law: Law = field(metadata={"static": True})
+    kinds: tuple[Kind, ...] = field(metadata={"static": True})
     coordinates: Coordinates = field(metadata={"static": True})
     weave: bool = field(metadata={"static": True})
     n_u: int = field(metadata={"static": True})
     n_p: int = field(metadata={"static": True})
     n_q: int = field(metadata={"static": True})
-    columns: Array
-    gradient: Array
+    columns: Array | None
+    gradient: Array | None
     weight: Array
     frame: Array
-    local: Array
+    local_u: Array | None
+    local_multipliers: Array
+    material: Array
     N: Array
     dN: Array
     theta: Array
@@ -89,19 +94,14 @@ class System:
         return self.n_u + self.n_p + self.n_q
 
     @property
+    def is_small(self) -> bool:
+        """Whether its matrices are dense."""
+        return self.columns is not None
+
+    @property
     def multipliers(self) -> int:
         """Multipliers that an element feels: p, and q where the weave acts."""
         return 2 if self.weave else 1
-
-    @property
-    def local_u(self) -> Array:
-        """(n_elements, n_local) positions in z of the displacements that each element feels."""
-        return self.local[:, : self.local.shape[1] - self.multipliers]
-
-    @property
-    def local_multipliers(self) -> Array:
-        """(n_elements, 1 or 2) positions in z of the element's p and q."""
-        return self.local[:, self.local.shape[1] - self.multipliers :]
 
     def displacements(self, z: Array, inputs: Inputs) -> Array:
         """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
@@ -110,10 +110,9 @@ class System:
         return (inputs.offset + self.tie_scale * z[self.tie_index]).reshape(-1, 3)
 
 
-def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.ndarray]) -> System:
+def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.ndarray], large: bool = False) -> System:
     """The discrete problem of a scene under its ties, in NumPy; `surfaces`: kind of load → the quads (n, 4) with it."""
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
-    n_e = len(mesh.cells)
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
     jacobian = np.einsum("eai,gaj->egij", mesh.points[mesh.cells], dxi)
@@ -122,6 +121,41 @@ def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.nd
     theta = np.einsum("ga,eai->egi", N, mesh.points[mesh.cells])
     g = evaluate(jax.vmap(coordinates.g), theta)
     weight, dN = weight * np.prod(g, axis=-1), dN / g[:, :, None, :]
+    columns, gradient, unknowns = (None, None, None) if large else _columns(mesh, coordinates, ties, N, dN, theta, g)
+    n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
+    multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
+    arrays: dict[str, Any] = {
+        "columns": columns,
+        "gradient": gradient,
+        "weight": weight,
+        "frame": scene.frame,
+        "local_u": unknowns,
+        "local_multipliers": np.stack(multipliers, axis=1),
+        "material": scene.material,
+        "N": N,
+        "dN": dN,
+        "theta": theta,
+        "inverse_g": 1.0 / g,
+        "cells": mesh.cells,
+        "tie_index": ties.index,
+        "tie_scale": ties.scale,
+        "surfaces": dict(surfaces),
+        "points": mesh.points,
+    }
+    return System(kinds=scene.kinds, coordinates=coordinates, weave=weave, n_u=ties.size, n_p=n_p, n_q=n_q, **arrays)
+
+
+def _columns(
+    mesh: Mesh,
+    coordinates: Coordinates,
+    ties: Ties,
+    N: NDArray[np.float64],
+    dN: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    g: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """The columns, the gradient and the unknowns of each element, see `System`."""
+    n_e, n_g = theta.shape[:2]
     # The distinct unknowns of each element, padded to the longest list with columns of zeros.
     dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
     active = ties.scale[dofs] != 0.0
@@ -139,44 +173,39 @@ def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.nd
     by_theta = np.einsum("ga,eail->egil", N, slots)
     by_g = evaluate(jax.vmap(jax.jacfwd(coordinates.g)), theta)  # ∂g_i/∂θ_k
     gradient[:, :, range(3), range(3)] += np.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
-    columns = columns.reshape(n_e, len(w), 9, n_local)
+    columns = columns.reshape(n_e, n_g, 9, n_local)
     if coordinates.curved:
         columns = np.concatenate([columns, by_theta], axis=2)
-    n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
-    multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
-    arrays: dict[str, Any] = {
-        "columns": columns,
-        "gradient": gradient.reshape(n_e, len(w), 9, n_local),
-        "weight": weight,
-        "frame": scene.frame,
-        "local": np.concatenate([unknowns, np.stack(multipliers, axis=1)], axis=1),
-        "N": N,
-        "dN": dN,
-        "theta": theta,
-        "inverse_g": 1.0 / g,
-        "cells": mesh.cells,
-        "tie_index": ties.index,
-        "tie_scale": ties.scale,
-        "surfaces": dict(surfaces),
-        "points": mesh.points,
-    }
-    return System(law=scene.law, coordinates=coordinates, weave=weave, n_u=ties.size, n_p=n_p, n_q=n_q, **arrays)
+    return columns, gradient.reshape(n_e, n_g, 9, n_local), unknowns
 
 
-def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Array:
+def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, material: Array, inputs: Inputs) -> Array:
     """The Lagrangian density [kPa] at one point; c = (C11, C22, C33, C12, C13, C23, p[, q]).
 
     State A has the weave with its multiplier q; state C has the tensions that it left.
     """
+    of_kinds = [
+        _of_kind(system, kind, c, frame, T_f, T_cf, constants, inputs)
+        for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+    ]
+    return of_kinds[0] if len(of_kinds) == 1 else jnp.stack(of_kinds)[material]
+
+
+def _of_kind(
+    system: System, kind: Kind, c: Array, frame: Array, T_f: Array, T_cf: Array, constants: Any, inputs: Inputs
+) -> Array:
     C = symmetric(c)
+    beta = inputs.beta if kind.active else jnp.zeros_like(inputs.beta)
     W = (
-        system.law(C, frame, inputs.beta, inputs.constants)
-        + energies.beating(C, frame, inputs.beta * inputs.T0)
+        kind.law(C, frame, beta, constants)
+        + energies.beating(C, frame, beta * inputs.T0)
         + energies.incompressibility(C, c[6])
     )
-    if system.weave:
-        return W + energies.weave(I4(C, frame), I6(C, frame), c[7], inputs.a_over_D, inputs.softness)
-    return W + energies.frozen_tensions(C, frame, T_f, T_cf)
+    if not system.weave:
+        return W + energies.frozen_tensions(C, frame, T_f, T_cf)
+    if not kind.weave:
+        return W - 0.5 * c[7] ** 2  # q = 0 [kPa]
+    return W + energies.weave(I4(C, frame), I6(C, frame), c[7], inputs.a_over_D, inputs.softness)
 
 
 def symmetric(c: Array) -> Array:
@@ -191,6 +220,12 @@ def strain(coordinates: Coordinates, y: Array) -> Array:
         F, rest = coordinates.g(y[9:12])[:, None] * F, y[12:]
     C = F.T @ F
     return jnp.concatenate([jnp.stack([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2]]), rest])
+
+
+def variables(c: Coordinates, nodes: Array, dN: Array, N: Array, theta: Array, inverse_g: Array) -> Array:
+    """H (9), and in curved coordinates θ (3), at one point of an element with nodal displacements (8, 3)."""
+    H = (nodes.T @ dN + jnp.diag(inverse_g)).reshape(9)
+    return jnp.concatenate([H, theta + N @ nodes]) if c.curved else H
 
 
 def kinematics(system: System, u: Array) -> Array:
@@ -212,12 +247,44 @@ def deformation_gradients(system: System, u: Array) -> Array:
     return F
 
 
+def volume_ratio(c: Coordinates, y: Array) -> Array:
+    """det F at a point with variables y; −1 where a coordinate left its range, such as a negative radius."""
+    J = jnp.linalg.det(y[:9].reshape(3, 3))
+    if c.curved:
+        J = jnp.where(c.inside(y[9:12]), J * jnp.prod(c.g(y[9:12])), -1.0)
+    return J
+
+
 def volume_ratios(system: System, u: Array) -> Array:
     """det F (n_elements, n_points); −1 where a coordinate left its range, such as a negative radius."""
-    J = jnp.linalg.det(deformation_gradients(system, u))
-    if system.coordinates.curved:
-        J = jnp.where(jax.vmap(jax.vmap(system.coordinates.inside))(kinematics(system, u)[..., 9:]), J, -1.0)
-    return J
+    return jax.vmap(jax.vmap(lambda y: volume_ratio(system.coordinates, y)))(kinematics(system, u))
+
+
+def strain_at_rest(system: System, dz: Array) -> Array:
+    """∂F (n_elements, n_points, 9) [–] at rest for a change dz of the unknowns."""
+    if system.gradient is not None:
+        return jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u])
+    du = (system.tie_scale * dz[system.tie_index]).reshape(-1, 3)
+    _, dF = jax.jvp(lambda u: deformation_gradients(system, u), (jnp.zeros_like(du),), (du,))
+    return dF.reshape(*dF.shape[:2], 9)
+
+
+def at_point(
+    system: System, y: Array, frame: Array, T_f: Array, T_cf: Array, material: Array, inputs: Inputs
+) -> tuple[Array, Array]:
+    """First and second derivatives of the density at a point by its variables y = (H[, θ], multipliers)."""
+
+    def of_c(c: Array) -> Array:
+        return density(system, c, frame, T_f, T_cf, material, inputs)
+
+    def c_of(y: Array) -> Array:
+        return strain(system.coordinates, y)
+
+    # Forward mode throughout: for so few variables it compiles and runs several times faster than reverse mode.
+    c = c_of(y)
+    by_c, J = jax.jacfwd(of_c)(c), jax.jacfwd(c_of)(y)
+    curvature = jax.jacfwd(jax.jacfwd(lambda y: by_c @ c_of(y)))(y)
+    return by_c @ J, J.T @ jax.jacfwd(jax.jacfwd(of_c))(c) @ J + curvature
 
 
 def residual(system: System, z: Array, inputs: Inputs) -> Array:
@@ -231,36 +298,32 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
 
 
 def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tuple[Array, Array]:
+    assert system.columns is not None and system.local_u is not None
     u = system.displacements(z, inputs)
     n_m = system.multipliers
     n_y, n_local = system.columns.shape[2:]
 
-    def element(columns: Array, weight: Array, multipliers: Array, *at_points: Array) -> tuple[Array, Array]:
+    def element(
+        columns: Array, weight: Array, multipliers: Array, material: Array, *at_points: Array
+    ) -> tuple[Array, Array]:
         # The columns of a point's variables (H[, θ], multipliers) by the element's unknowns.
         B = jnp.zeros((*columns.shape[:1], n_y + n_m, n_local + n_m)).at[:, :n_y, :n_local].set(columns)
         B = B.at[:, n_y:, n_local:].set(jnp.eye(n_m)[None])
 
-        def point(B: Array, H: Array, frame: Array, T_f: Array, T_cf: Array) -> tuple[Array, Array]:
+        def point(B: Array, H: Array, *at: Array) -> tuple[Array, Array]:
             y = jnp.concatenate([H, multipliers])
 
-            def of_c(c: Array) -> Array:
-                return density(system, c, frame, T_f, T_cf, inputs)
+            def of_y(y: Array) -> Array:
+                return density(system, strain(system.coordinates, y), *at, material, inputs)
 
-            def c_of(y: Array) -> Array:
-                return strain(system.coordinates, y)
-
-            # Forward mode throughout: for so few variables it compiles and runs several times faster than reverse mode.
-            if n_local + n_m <= 6:  # fewer than C has components: differentiate in the element's unknowns themselves
-                r = jax.jacfwd(lambda v: of_c(c_of(y + B @ v)))
-                v = jnp.zeros(n_local + n_m)
-                return r(v), jax.jacfwd(r)(v) if tangent else jnp.zeros((0, 0))
-            c = c_of(y)
-            by_c, J = jax.jacfwd(of_c)(c), jax.jacfwd(c_of)(y)
-            r = by_c @ J @ B
             if not tangent:
-                return r, jnp.zeros((0, 0))
-            curvature = jax.jacfwd(jax.jacfwd(lambda y: by_c @ c_of(y)))(y)
-            return r, B.T @ (J.T @ jax.jacfwd(jax.jacfwd(of_c))(c) @ J + curvature) @ B
+                return jax.jacfwd(of_y)(y) @ B, jnp.zeros((0, 0))
+            if n_local + n_m <= 6:  # fewer than C has components: differentiate in the element's unknowns themselves
+                r = jax.jacfwd(lambda v: of_y(y + B @ v))
+                v = jnp.zeros(n_local + n_m)
+                return r(v), jax.jacfwd(r)(v)
+            r_y, K_y = at_point(system, y, *at, material, inputs)
+            return r_y @ B, B.T @ K_y @ B
 
         r, K = jax.vmap(point)(B, *at_points)
         return weight @ r, jnp.tensordot(weight, K, axes=1)
@@ -269,15 +332,17 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
         system.columns,
         system.weight,
         z[system.local_multipliers],
+        system.material,
         kinematics(system, u),
         system.frame,
         inputs.T_f,
         inputs.T_cf,
     )
-    r = (-inputs.imbalance).at[system.local].add(r_e)
+    local = jnp.concatenate([system.local_u, system.local_multipliers], axis=1)
+    r = (-inputs.imbalance).at[local].add(r_e)
     K = jnp.zeros((system.size, system.size) if tangent else (0, 0))
     if tangent:
-        K = K.at[system.local[:, :, None], system.local[:, None, :]].add(K_e)
+        K = K.at[local[:, :, None], local[:, None, :]].add(K_e)
     if system.n_u:
         r, K = _add_loads(system, u, inputs, r, K, tangent=tangent)
     return r, K

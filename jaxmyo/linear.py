@@ -1,57 +1,108 @@
-"""The linearised system: factors, scales, inertia. Dense."""
+"""The linearised system of a small body: dense matrices, all inside JAX. `jaxmyo.sparse` is its like for large ones."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import Array
 
-from jaxmyo.lagrangian import System
+from jaxmyo import lagrangian
+from jaxmyo.lagrangian import Inputs, System
+
+EPS = 2.2e-16  # float64
 
 
 class Scales(NamedTuple):
     """What makes residuals and tangents of different unknowns comparable.
 
-    metric: (n, n) the matrix of ∫ |∂F|² dV [mm³ per unknown²] of the displacements, 0 for multipliers;
     unit: (n,) the change of an unknown that strains its elements by about one (displacements), 1 for multipliers [kPa];
     volume: (n,) the volume of the elements that an unknown touches [mm³].
     """
 
-    metric: Array
     unit: Array
     volume: Array
 
 
-def scales(system: System) -> Scales:
-    """The scales of a system; they depend on the mesh and the ties only."""
-    n, n_u = system.size, system.n_u
-    own = system.local_u
-    weights = system.weight[:, :, None, None]
-    local = jnp.einsum("gkia,gkib->gab", weights * system.gradient, system.gradient)
-    metric = jnp.zeros((n, n)).at[own[:, :, None], own[:, None, :]].add(local)
+class At(NamedTuple):
+    """The linearised system at one point.
+
+    r: (n,) residual [mN, mN·mm; mm³]; K: the tangent, of a type of its solver's own; stress: the largest force imbalance
+    as a stress [kPa]; violation: the largest patch mean of ½ |I3 − 1| and ½ |h| [–]; modulus: the scale of stresses, see
+    `modulus` [kPa]; least_J: the smallest det F [–]; finite: whether everything is; noise: the relative residual that
+    round-off alone may leave.
+    """
+
+    r: Array
+    K: Any
+    stress: Array
+    violation: Array
+    modulus: Array
+    least_J: Array
+    finite: Array
+    noise: Array
+
+    @property
+    def residual(self) -> Array:
+        """The larger of (force imbalance as a stress / largest stiffness) and (constraint violation) [–]."""
+        return (self.stress / self.modulus).clip(self.violation)
+
+
+def summary(
+    xp: ModuleType, system: System, scale: Scales, z: Array, r: Array, diagonal: Array, least_J: Array, K: Any
+) -> At:
+    """What Newton's method asks of a point, with `jax.numpy` or `numpy`; diagonal: (n_u,) of the tangent.
+
+    The modulus is the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier. Round-off leaves
+    forces of about the nodal force of one element, stress × volume / unit, times the precision.
+    """
+    n_u = system.n_u
+    weigh = scale.unit / scale.volume
+    tiny = xp.finfo(z.dtype).tiny
+    stiffness = xp.max(xp.abs(diagonal * scale.unit[:n_u] * weigh[:n_u]), initial=tiny)
+    G = xp.max(xp.abs(z[n_u:]), initial=tiny).clip(stiffness)
+    # A stress G makes nodal forces G V / (unit of the strain ∂F per displacement); their sum rounds to this:
+    rounding = 4.0 * EPS * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
+    return At(
+        r=r,
+        K=K,
+        stress=xp.max(xp.abs(r * weigh)[:n_u], initial=0.0),
+        violation=xp.max(xp.abs(r / scale.volume)[n_u:], initial=0.0),
+        modulus=G,
+        least_J=least_J,
+        finite=xp.all(xp.isfinite(r)) & xp.all(xp.isfinite(diagonal)),
+        noise=rounding,
+    )
+
+
+def scales(system: System, metric_diagonal: Array) -> Scales:
+    """The scales of a small system; metric_diagonal: (n_u,) ∫ |∂F|² dV of each displacement."""
     size = jnp.sum(system.weight, axis=1)
     touches = jnp.any(system.gradient != 0.0, axis=(1, 2)).astype(float)
-    volume = jnp.zeros(n).at[own].add(size[:, None] * touches)
+    volume = jnp.zeros(system.size).at[system.local_u].add(size[:, None] * touches)
     volume = volume.at[system.local_multipliers].add(size[:, None])
-    diagonal = jnp.where(jnp.arange(n) < n_u, jnp.diagonal(metric), volume)
-    return Scales(metric, jnp.sqrt(volume / diagonal), volume)
+    unit = jnp.ones(system.size).at[: system.n_u].set(jnp.sqrt(volume[: system.n_u] / metric_diagonal))
+    return Scales(unit, volume)
 
 
-def modulus(system: System, scale: Scales, K: Array, z: Array) -> Array:
-    """The scale of residuals: the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier."""
-    n_u = system.n_u
-    stiffness = jnp.abs(jnp.diagonal(K) * scale.unit**2 / scale.volume)[:n_u]
-    return jnp.max(jnp.concatenate([stiffness, jnp.abs(z[n_u:])])) + jnp.finfo(z.dtype).tiny
+@jax.jit
+def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
+    """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
+    square = jnp.sum(lagrangian.strain_at_rest(system, dz) ** 2, axis=-1)
+    return jnp.sqrt(jnp.sum(system.weight * square) / jnp.sum(system.weight)), jnp.sqrt(jnp.max(square))
 
 
-def stress_residual(system: System, scale: Scales, r: Array) -> Array:
-    """The largest force imbalance as a stress [kPa]: |r_i| · unit_i / volume_i."""
-    return jnp.max(jnp.abs(r * scale.unit / scale.volume)[: system.n_u], initial=0.0)
+@jax.jit
+def strain_rate(system: System, z: Array, inputs: Inputs, rate: Array, by_t: Inputs) -> Array:
+    """Root mean square over the body of |∂F| for the rates of the unknowns and of the inputs."""
 
+    def F(z: Array, offset: Array) -> Array:
+        return lagrangian.deformation_gradients(system, system.displacements(z, inputs._replace(offset=offset)))
 
-def constraint_residual(system: System, scale: Scales, r: Array) -> Array:
-    """The largest patch mean of ½ |I3 − 1| and ½ |h| [–]."""
-    return jnp.max(jnp.abs(r / scale.volume)[system.n_u :])
+    _, dF = jax.jvp(F, (z, inputs.offset), (rate, by_t.offset))
+    return jnp.sqrt(jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight))
 
 
 class Factors(NamedTuple):
@@ -60,8 +111,8 @@ class Factors(NamedTuple):
     lu: Array
     pivots: Array
 
-    def solve(self, b: Array) -> Array:
-        """The solution x of (K + μ·metric) x = b."""
+    def solve(self, b: Array, accuracy: Any, guess: Array | None = None) -> Array:
+        """The solution x of (K + μ·metric) x = b; direct, whatever the accuracy asked for."""
         return jsl.lu_solve((self.lu, self.pivots), b)
 
     @property
@@ -71,28 +122,71 @@ class Factors(NamedTuple):
         return jnp.prod(jnp.sign(jnp.diagonal(self.lu))) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
 
 
-def factorise(scale: Scales, K: Array, mu: Array) -> Factors:
-    """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
-    return Factors(*jsl.lu_factor(K + mu * scale.metric))
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Dense:
+    """The linear algebra of a system with dense matrices. metric: (n, n) ∫ |∂F|² dV of the displacements."""
 
+    system: System
+    scale: Scales
+    metric: Array
 
-def inertia(system: System, scale: Scales, K: Array, z: Array) -> tuple[Array, Array]:
-    """(negative eigenvalues of the second variation on the constraint manifold, zero eigenvalues of the saddle matrix).
+    xp = jnp
+    noise = 1e-13  # strain that round-off makes of a correction
 
-    The saddle matrix [[A, Bᵀ], [B, 0]] with m independent constraints has m negative eigenvalues more than A has on the
-    kernel of B. It is scaled by a congruence, which leaves the signs. With follower loads, its symmetric part is taken.
+    @classmethod
+    def of(cls, system: System) -> "Dense":
+        """With the scales of the system; they depend on the mesh and the ties only."""
+        assert system.gradient is not None and system.local_u is not None
+        weights, own = system.weight[:, :, None, None], system.local_u
+        of_elements = jnp.einsum("gkia,gkib->gab", weights * system.gradient, system.gradient)
+        metric = jnp.zeros((system.size, system.size)).at[own[:, :, None], own[:, None, :]].add(of_elements)
+        return cls(system, scales(system, jnp.diagonal(metric)[: system.n_u]), metric)
 
-    This is the inertia of the discrete body, which holds det F = 1 in the mean of each element only. Deformations that
-    vary inside an element feel −½ p (I3 − 1) as it stands, and may count as unstable where the continuous body is
-    stable: ½ μ (I1 − 3) at rest does, ½ μ (I1 − 3 − ln I3), the same body with another pressure, does not.
-    """
-    n_u = system.n_u
-    if not n_u:
-        return jnp.array(0), jnp.array(system.size)
-    G = modulus(system, scale, K, z)
-    s = jnp.where(jnp.arange(system.size) < n_u, scale.unit / jnp.sqrt(scale.volume), G / jnp.sqrt(scale.volume))
-    scaled = s[:, None] * (0.5 / G * (K + K.T)) * s[None, :]
-    eigenvalues = jnp.linalg.eigvalsh(scaled)
-    zero = jnp.abs(eigenvalues) <= 1e-12 * system.size
-    negative = jnp.sum(~zero & (eigenvalues < 0.0)) - (system.size - n_u)
-    return negative, jnp.sum(zero)
+    def at(self, z: Array, inputs: Inputs) -> At:
+        """The residual (n,) and the tangent (n, n) at z."""
+        # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
+        r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(self.system, z, inputs))
+        J = lagrangian.volume_ratios(self.system, self.system.displacements(z, inputs))
+        at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], jnp.min(J), K)
+        return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
+
+    def factorise(self, at: At, mu: Array) -> Factors:
+        """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
+        return Factors(*jsl.lu_factor(at.K + mu * self.metric))
+
+    def nothing(self) -> tuple[Array, Factors]:
+        """A tangent and factors to begin a loop with."""
+        n = self.system.size
+        none = jnp.zeros((n, n))
+        return none, Factors(none, jnp.zeros(n, dtype="int32"))
+
+    def strain_of(self, dz: Array) -> tuple[Array, Array]:
+        """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
+        return strain_of(self.system, dz)
+
+    def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors) -> tuple[Array, Array]:
+        """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
+        _, change = jax.jvp(lambda inputs: lagrangian.residual(self.system, z, inputs), (inputs,), (by_t,))
+        rate = -factors.solve(change, None)
+        return rate, strain_rate(self.system, z, inputs, rate, by_t)
+
+    def inertia(self, at: At, z: Array) -> tuple[Array, Array]:
+        """(negative eigenvalues of the second variation on the constraint manifold, zero ones of the saddle matrix).
+
+        The saddle matrix [[A, Bᵀ], [B, 0]] with m independent constraints has m negative eigenvalues more than A has on
+        the kernel of B. It is scaled by a congruence, which leaves the signs. With follower loads, its symmetric part
+        is taken.
+
+        This is the inertia of the discrete body, which holds det F = 1 in the mean of each element only. Deformations
+        that vary inside an element feel −½ p (I3 − 1) as it stands, and may count as unstable where the continuous body
+        is stable: ½ μ (I1 − 3) at rest does, ½ μ (I1 − 3 − ln I3), the same body with another pressure, does not.
+        """
+        n_u, size = self.system.n_u, self.system.size
+        if not n_u:
+            return jnp.array(0), jnp.array(size)
+        root = jnp.sqrt(self.scale.volume)
+        s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
+        eigenvalues = jnp.linalg.eigvalsh(s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :])
+        zero = jnp.abs(eigenvalues) <= 1e-12 * size
+        return jnp.sum(~zero & (eigenvalues < 0.0)) - (size - n_u), jnp.sum(zero)

@@ -9,15 +9,19 @@ Where the tangent is singular (the Lin–Yin law has no shear stiffness in the z
 proportional to the residual is added to the matrix. It vanishes with the residual, so the limit is Newton's.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import lagrangian, linear
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo import checks, control
+from jaxmyo.lagrangian import Inputs
+from jaxmyo.linear import At, Dense
+from jaxmyo.sparse import Sparse
 from jaxmyo.status import Status
+
+Linear = Dense | Sparse
 
 T = TypeVar("T")
 
@@ -25,7 +29,8 @@ T = TypeVar("T")
 class Settings(NamedTuple):
     """Dials of a solve; the defaults are for float64.
 
-    tolerance: relative residual of the final state, of forces to the largest stiffness and of constraints to 1;
+    tolerance: relative residual of the final state, of forces to the largest stiffness and of constraints to 1, or
+    what round-off leaves where that is more (displacements of many element sizes);
     path_tolerance: the same for the states on the way; max_iterations: Newton iterations per load step;
     max_steps: load steps, rejected ones included; move: largest root-mean-square strain per load step that is aimed at;
     min_step: smallest load step, as a fraction of the load.
@@ -42,36 +47,21 @@ class Settings(NamedTuple):
 class Iterate(NamedTuple):
     """Newton's iterate: the unknowns, and what is known there.
 
-    z: unknowns; r, K: residual and tangent; factors: of K; delta: the Newton correction from z; size: its
-    root-mean-square strain, an estimate of the error of z; alpha: the length of the next trial along delta;
-    residual: relative; iteration: number of corrections made; status; history: (max_iterations + 1,) relative
-    residuals, 0 beyond the last iteration.
+    z: unknowns; at: the linearised system there; factors: of its tangent; delta: the Newton correction from z; size:
+    its root-mean-square strain, an estimate of the error of z; alpha: the length of the next trial along delta;
+    iteration: number of corrections made; status; history: (max_iterations + 1,) relative residuals, 0 beyond the last
+    iteration.
     """
 
     z: Array
-    r: Array
-    K: Array
-    factors: linear.Factors
+    at: At
+    factors: Any
     delta: Array
     size: Array
     alpha: Array
-    residual: Array
     iteration: Array
     status: Array
     history: Array
-
-
-def relative_residual(system: System, scale: linear.Scales, z: Array, r: Array, K: Array) -> Array:
-    """The larger of (force imbalance as a stress / largest stiffness) and (constraint violation) [–]."""
-    force = linear.stress_residual(system, scale, r) / linear.modulus(system, scale, K, z)
-    return jnp.maximum(force, linear.constraint_residual(system, scale, r))
-
-
-def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
-    """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns."""
-    dF = jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u])
-    square = jnp.sum(dF**2, axis=-1)
-    return jnp.sqrt(jnp.sum(system.weight * square) / jnp.sum(system.weight)), jnp.sqrt(jnp.max(square))
 
 
 def batched_as(x: Array, carry: T) -> T:
@@ -80,12 +70,13 @@ def batched_as(x: Array, carry: T) -> T:
     The carry of a loop that starts unbatched makes JAX batch the loop's body several times over, at every level of
     nested loops: most of the time of tracing.
     """
+    if not checks.is_traced(x):
+        return carry
     return jax.tree.map(lambda leaf: jnp.where(x == x, leaf, leaf), carry)
 
 
 def solve(
-    system: System,
-    scale: linear.Scales,
+    lin: Linear,
     z: Array,
     inputs: Inputs,
     tolerance: Array,
@@ -105,8 +96,11 @@ def solve(
     trial is z itself.
     """
 
+    xp = lin.xp
+
     def done(s: Iterate) -> Array:
-        return (s.residual <= tolerance) & (s.size <= 1e3 * tolerance)
+        limit = s.at.noise.clip(tolerance)
+        return (s.at.residual <= limit) & (s.size <= 1e3 * limit)
 
     def keep_going(s: Iterate) -> Array:
         return ~done(s) & (s.status == Status.CONVERGED) & (s.iteration < settings.max_iterations)
@@ -114,53 +108,52 @@ def solve(
     def look(s: Iterate) -> Iterate:
         begin = s.iteration < 0
         z = s.z + s.alpha * s.delta
-        # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
-        r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(system, z, inputs))
-        J = lagrangian.volume_ratios(system, system.displacements(z, inputs))
-        admissible = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(K)) & jnp.all(J > 0.0)
-        simplified, _ = strain_of(system, s.factors.solve(r))
-        # A NaN compares as false; round-off may keep a correction of 1e-13 from shrinking.
-        shrink = jnp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
-        taken = admissible & (begin | (simplified <= shrink * s.size + 1e-13))
+        at = lin.at(z, inputs)
+        admissible = at.finite & (at.least_J > 0.0)
+        guess = control.choose(begin, lambda: s.delta, lambda: s.factors.solve(at.r, 1e-1))
+        simplified, _ = lin.strain_of(guess)
+        # A NaN compares as false; round-off may keep a tiny correction from shrinking.
+        shrink = xp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
+        taken = admissible & (begin | (simplified <= shrink * s.size + lin.noise))
 
-        G = linear.modulus(system, scale, K, z)
-        factors = linear.factorise(scale, K, 0.1 * linear.stress_residual(system, scale, r) + stiffening * G)
-        delta = -factors.solve(r)
-        size, largest = strain_of(system, delta)
-        residual = relative_residual(system, scale, z, r, K)
-        iteration = s.iteration + 1
-        further = Iterate(
-            z=z,
-            r=r,
-            K=K,
-            factors=factors,
-            delta=delta,
-            size=size,
-            alpha=jnp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
-            residual=residual,
-            iteration=iteration,
-            status=jnp.where(jnp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
-            history=s.history.at[iteration].set(residual),
-        )
-        lost = begin | near | (s.alpha < 1e-3)
-        shorter = s._replace(alpha=0.5 * s.alpha, status=jnp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
-        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), further, shorter)
+        def further() -> Iterate:
+            factors = lin.factorise(at, 0.1 * at.stress + stiffening * at.modulus)
+            # As exact as Newton's method can use; where it has arrived, the correction only tells the error.
+            accuracy = xp.where(at.residual <= at.noise.clip(tolerance), 0.1, xp.clip(0.1 * at.residual, 1e-9, 1e-3))
+            delta = -factors.solve(at.r, accuracy, guess)
+            size, largest = lin.strain_of(delta)
+            iteration = s.iteration + 1
+            return Iterate(
+                z=z,
+                at=at,
+                factors=factors,
+                delta=delta,
+                size=size,
+                alpha=xp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
+                iteration=iteration,
+                status=xp.where(xp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
+                history=control.put(s.history, iteration, at.residual),
+            )
 
-    n = system.size
-    nothing = jnp.zeros((n, n))
+        def shorter() -> Iterate:
+            lost = begin | near | (s.alpha < 1e-3)
+            return s._replace(alpha=0.5 * s.alpha, status=xp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
+
+        return control.choose(taken, further, shorter)
+
+    K, factors = lin.nothing()
+    one, infinite = xp.array(1.0), xp.array(xp.inf)
     start = Iterate(
         z=z,
-        r=jnp.zeros(n),
-        K=nothing,
-        factors=linear.Factors(nothing, jnp.zeros(n, dtype="int32")),
-        delta=jnp.zeros(n),
-        size=jnp.array(jnp.inf),
-        alpha=jnp.array(1.0),
-        residual=jnp.array(jnp.inf),
-        iteration=jnp.array(-1),
-        status=jnp.array(Status.CONVERGED),
-        history=jnp.zeros(settings.max_iterations + 1),
+        at=At(xp.zeros_like(z), K, infinite, infinite, one, one, xp.array(True), 0.0 * one),
+        factors=factors,
+        delta=xp.zeros_like(z),
+        size=infinite,
+        alpha=one,
+        iteration=xp.array(-1),
+        status=xp.array(Status.CONVERGED),
+        history=xp.zeros(settings.max_iterations + 1),
     )
-    end = jax.lax.while_loop(keep_going, look, batched_as(tolerance, start))
-    status = jnp.where((end.status == Status.CONVERGED) & ~done(end), Status.TOO_MANY_ITERATIONS, end.status)
+    end = control.loop(keep_going, look, batched_as(tolerance, start))
+    status = xp.where((end.status == Status.CONVERGED) & ~done(end), Status.TOO_MANY_ITERATIONS, end.status)
     return end._replace(status=status)

@@ -17,14 +17,14 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
     F: (n_elements, n_points, 3, 3); multipliers: (n_elements, 1 or 2), p and q.
     """
 
-    def point(F: Array, frame: Array, T_f: Array, T_cf: Array, multipliers: Array) -> Array:
+    def point(F: Array, frame: Array, T_f: Array, T_cf: Array, multipliers: Array, material: Array) -> Array:
         c = lagrangian.strain(CARTESIAN, jnp.concatenate([F.reshape(9), multipliers]))
-        by_c = jax.jacfwd(lambda c: lagrangian.density(system, c, frame, T_f, T_cf, inputs))(c)
+        by_c = jax.jacfwd(lambda c: lagrangian.density(system, c, frame, T_f, T_cf, material, inputs))(c)
         # A component off the diagonal of C stands twice in W, so its derivative is 2 ∂W/∂C12 already.
         return lagrangian.symmetric(by_c[:6] * jnp.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0]))
 
-    points = jax.vmap(point, in_axes=(0, 0, 0, 0, None))
-    return jax.vmap(points)(F, system.frame, inputs.T_f, inputs.T_cf, multipliers)
+    points = jax.vmap(point, in_axes=(0, 0, 0, 0, None, None))
+    return jax.vmap(points)(F, system.frame, inputs.T_f, inputs.T_cf, multipliers, system.material)
 
 
 def cauchy(F: Array, S: Array) -> Array:

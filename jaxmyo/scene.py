@@ -1,5 +1,6 @@
 """A scene: what is modelled. The mesh, the law and its constants, the fibres, the quadrature, the supports."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,10 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxmyo import checks, patches, surface, ties
-from jaxmyo.conditions import Spring, Tie
-from jaxmyo.energies import Law
+from jaxmyo.conditions import Displacement, Spring, Tie
+from jaxmyo.energies import Kind, Law
 from jaxmyo.hexahedron import gauss, shape
 from jaxmyo.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What a region of a body is made of.
+
+    law, constants: as in `Scene`; active: whether it contracts (β = 0 in it otherwise); weave: whether the weave's
+    constraint h = 0 acts in it (q = 0 in it otherwise).
+    """
+
+    law: Law
+    constants: Any
+    active: bool = True
+    weave: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +40,8 @@ class Scene:
     Θ (n, 3) ↦ (n, 3); supports: ties and springs that hold in the states A and C alike;
     quadrature: Gauss points per direction, one number or three (2 is the Q1–Q0 standard; 1 is exact along a direction
     in which nothing varies); p_patches, q_patches: (n_elements,) the patch of each element that shares one p,
-    one q; None is one per element (`jaxmyo.patches`).
+    one q; None is one per element (`jaxmyo.patches`); regions: name of a region of the mesh → the `Material` of its
+    elements; all others have the law and the constants of the scene.
 
     Errors: a ValueError for a law that is no finite scalar at rest, for fibres that are not of unit length or not
     orthogonal, for supports that leave a rigid motion free, for patches that do not cover the elements, and for names
@@ -41,8 +57,11 @@ class Scene:
     quadrature: int | tuple[int, int, int] = 2
     p_patches: Any = None
     q_patches: Any = None
+    regions: Mapping[str, Material] = field(default_factory=dict)
     orders: tuple[int, int, int] = field(init=False, repr=False)  # Gauss points per direction
     frame: NDArray[np.float64] = field(init=False, repr=False)
+    kinds: tuple[Kind, ...] = field(init=False, repr=False)  # the scene's own, then those of the regions
+    material: NDArray[np.int64] = field(init=False, repr=False)  # (n_elements,) which of the kinds
 
     def __post_init__(self) -> None:
         if not callable(self.law):
@@ -66,7 +85,43 @@ class Scene:
         for name in ("p_patches", "q_patches"):
             object.__setattr__(self, name, patches.checked(name, getattr(self, name), self.mesh))
         object.__setattr__(self, "frame", self._frame())
+        self._set_materials()
         self.kinematics(())
+
+    def _set_materials(self) -> None:
+        material = np.zeros(len(self.mesh.cells), dtype=np.int64)
+        for k, (name, m) in enumerate(self.regions.items(), start=1):
+            if not isinstance(m, Material):
+                raise TypeError(f"regions[{name!r}] must be a Material; got {m!r}")
+            _check_law(m.law, checks.finite_tree(f"regions[{name!r}].constants", m.constants))
+            material[self.mesh.region(name)] = k
+        own = Kind(self.law, active=True, weave=True)
+        kinds = (own, *(Kind(m.law, m.active, m.weave) for m in self.regions.values()))
+        acts = np.array([k.weave for k in kinds])[material]
+        counts = [np.bincount(self.q_patches, w, minlength=1) for w in (acts, ~acts)]
+        if (mixed := (counts[0] > 0) & (counts[1] > 0)).any():
+            raise ValueError(
+                f"q_patches: patch {int(np.argmax(mixed))} has elements with the weave and without; give each region "
+                "patches of its own"
+            )
+        object.__setattr__(self, "kinds", kinds)
+        object.__setattr__(self, "material", material)
+
+    def constants_of_kinds(self, own: Any = None) -> tuple[Any, ...]:
+        """The constants of each of the `kinds`; own: instead of the scene's.
+
+        With regions, own is a mapping from the names of regions to constants; the name "" is for the scene's own law.
+        """
+        if not self.regions:
+            return (self.constants if own is None else checks.finite_tree("constants", own),)
+        every = {"": self.constants} | {name: m.constants for name, m in self.regions.items()}
+        if own is not None:
+            if not isinstance(own, Mapping) or not set(own) <= set(every):
+                raise ValueError(
+                    f"constants must be a mapping from names of regions to constants, of {list(every)}; got {own!r}"
+                )
+            every |= own
+        return tuple(checks.finite_tree(f"constants[{name!r}]", c) for name, c in every.items())
 
     @property
     def springs(self) -> tuple[Spring, ...]:
@@ -74,8 +129,13 @@ class Scene:
         return tuple(s for s in self.supports if isinstance(s, Spring))
 
     def kinematics(self, conditions: tuple[Tie | Spring, ...]) -> ties.Ties:
-        """The ties of the supports and of further conditions; an error if a rigid motion stays free."""
-        every = (*self.supports, *conditions)
+        """The ties of the supports and of further conditions; an error if a rigid motion stays free.
+
+        A prescribed displacement takes the place of a support of the same face and axis: it moves that support.
+        """
+        moved = {(c.face, c.axis) for c in conditions if isinstance(c, Displacement)}
+        stay = [s for s in self.supports if not (isinstance(s, Displacement) and (s.face, s.axis) in moved)]
+        every = (*stay, *conditions)
         built = ties.build(self.mesh, [c for c in every if not isinstance(c, Spring)])
         if free := ties.rigid_motions(self.mesh, built, [c for c in every if isinstance(c, Spring)]):
             raise ValueError(

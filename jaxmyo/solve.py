@@ -1,6 +1,7 @@
 """The two solves: `contract` (P → A, free contraction) and `load` (A → C, under what state A left behind)."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,13 +13,18 @@ from jax.typing import ArrayLike
 from jaxmyo import checks, constraints, continuation, lagrangian, surface
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie
 from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
+from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
 from jaxmyo.status import SolveError
 from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
+
+#: Displacements from which on the solves are sparse [–].
+LARGE = 1000
 
 
 def contract(
@@ -86,7 +92,7 @@ def load(
     loads = tuple(c for c in conditions if not isinstance(c, Tie))
     ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
-    system = loading(scene, ties, surfaces)
+    system = loading(scene, ties, surfaces, (origin.status, state.status, conditions))
     none = jnp.zeros(system.size)
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, imbalance=none)
     # At the start of the path the body is where it was: what the ties cannot express of that is an offset that fades.
@@ -102,7 +108,7 @@ def load(
     valid = jnp.all(jnp.stack([checks.tree_is_finite(end), *good, *stretches]))
     z = jnp.concatenate([z_u, origin.p])
     if start is not None:
-        begin = begin._replace(imbalance=_residual(system, z, begin))
+        begin = begin._replace(imbalance=residual(system, z, begin))
     return _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
 
 
@@ -115,7 +121,7 @@ def contraction(
     own: Any,
 ) -> tuple[System, Inputs, Array]:
     """The problem of a state A: system, inputs, and whether the inputs are in their ranges."""
-    constants = scene.constants if own is None else checks.finite_tree("constants", own)
+    constants = scene.constants_of_kinds(own)
     T0_, beta_ = checks.scalar("T0", T0, "T0"), checks.scalar("beta", beta, "beta")
     a_over_D_ = checks.scalar("a_over_D", 0.0 if a_over_D is None else a_over_D, "a_over_D")
     valid = checks.within(T0_, "T0") & checks.within(beta_, "beta") & checks.within(a_over_D_, "a_over_D")
@@ -125,7 +131,13 @@ def contraction(
         softness, valid = 1.0 / k, valid & checks.within(k, "weave_stiffness")
     ties = scene.kinematics(())
     surfaces, springs = surface.build(scene.mesh, scene.springs)
-    system = lagrangian.build(scene, ties, weave=a_over_D is not None, surfaces=surfaces)
+    system = lagrangian.build(
+        scene,
+        ties,
+        weave=a_over_D is not None,
+        surfaces=surfaces,
+        large=_is_large(ties, T0_, beta_, a_over_D_, constants),
+    )
     constraints.check_at_rest(scene, system, a_over_D, soft=weave_stiffness is not None)
     system = jax.tree.map(jnp.asarray, system)
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
@@ -133,11 +145,16 @@ def contraction(
     return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
 
 
-def loading(scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray]) -> System:
-    """The system of a state C."""
-    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces)
+def loading(scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray], traced: Any) -> System:
+    """The system of a state C, dense if any of its inputs is traced."""
+    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces, large=_is_large(ties, traced))
     constraints.check_at_rest(scene, system, None, soft=False)
     return jax.tree.map(jnp.asarray, system)
+
+
+def _is_large(ties: Ties, *inputs: Any) -> bool:
+    """Whether the body is solved by sparse factors: it has many unknowns, and no input is traced."""
+    return ties.size > LARGE and not checks.is_traced((ties.offset, inputs))
 
 
 def unknowns(system: System, u: Array, offset: Array) -> Array:
@@ -174,8 +191,31 @@ def _check_start(scene: Scene, state: State, name: str) -> None:
         raise ValueError(f"{name} is not converged: {state.message}")
 
 
-_residual = jax.jit(lagrangian.residual)
-_follow = jax.jit(continuation.follow, static_argnames=("settings",))
+@jax.jit
+def _dense_residual(system: System, z: Array, inputs: Inputs) -> Array:
+    return lagrangian.residual(system, z, inputs)
+
+
+def residual(system: System, z: Array, inputs: Inputs) -> Array:
+    """The residual (n,) at z."""
+    if system.is_small:
+        return _dense_residual(system, z, inputs)
+    return jnp.asarray(Sparse.of(system).at(np.asarray(z), inputs).r)
+
+
+@partial(jax.jit, static_argnames=("settings",))
+def _follow(system: System, *path: Any, settings: Settings) -> continuation.Solution:
+    return continuation.follow(Dense.of(system), *path, settings)
+
+
+def follow(
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+) -> continuation.Solution:
+    """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors."""
+    if system.is_small:
+        return _follow(system, z, start, end, valid, from_rest, settings=settings)
+    found = continuation.follow(Sparse.of(system), np.array(z), start, end, np.asarray(valid), from_rest, settings)
+    return jax.tree.map(jnp.asarray, found)
 
 
 def _solve(
@@ -191,7 +231,7 @@ def _solve(
     *,
     from_rest: bool,
 ) -> State:
-    s = _follow(system, z, start, end, valid, jnp.array(from_rest), settings)
+    s = follow(system, z, start, end, valid, jnp.array(from_rest), settings)
     state = as_state(scene, system, s, tuple(conditions))
     if throw and not checks.is_traced(s.status) and not bool(state.converged):
         raise SolveError(state.message + constraints.at_failure(system, s.z, s.inputs), state)

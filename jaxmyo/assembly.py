@@ -1,0 +1,324 @@
+"""Assembly of a large body: element tangents straight into the upper triangle of one sparse matrix, in chunks.
+
+The pattern is found once. JAX computes the element terms of a chunk while NumPy adds those of the one before.
+"""
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxmyo import lagrangian, surface
+from jaxmyo.lagrangian import Inputs, System
+
+CHUNK = 2048  # elements per call
+BLOCK = 256  # elements whose intermediates stay in cache together
+FLIGHT = 4  # chunks that are computed ahead
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_I, _J = np.triu_indices(24)
+_THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
+
+
+class Elements(NamedTuple):
+    """What the elements of a chunk need, (n_elements, ...) each, see `System`; scale: (24,) of the ties of its nodes."""
+
+    cells: Array
+    dN: Array
+    weight: Array
+    frame: Array
+    theta: Array
+    inverse_g: Array
+    material: Array
+    scale: Array
+
+
+class Terms(NamedTuple):
+    """The terms of the elements of a chunk, (n_elements, ...) each.
+
+    r: (24,) forces; K: (300,) upper triangle of the tangent, rows first, with the augmentation; B: (24, multipliers)
+    its coupling with p and q; D: (multipliers,) second derivative by them; r_m: (multipliers,) residual; least_J.
+    """
+
+    r: Array
+    K: Array
+    B: Array
+    D: Array
+    r_m: Array
+    least_J: Array
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The upper triangle, in CSR, of the displacements that share an element (or a patch), and where entries stand.
+
+    positions: (n_elements, 300) of the upper triangle of an element's matrix, nnz for entries of prescribed
+    displacements; twice: flat positions there of pairs of nodal displacements that are one unknown; keys: (nnz,)
+    row · n_u + column.
+    """
+
+    n_u: int
+    indptr: Ints
+    indices: NDArray[np.int32]
+    keys: Ints
+    positions: Ints
+    twice: Ints
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries."""
+        return len(self.keys)
+
+    @property
+    def diagonal(self) -> Ints:
+        """Positions of the diagonal."""
+        return self.indptr[:-1]
+
+    def matrix(self, data: Floats) -> sp.csr_matrix:
+        """The upper triangle with these entries."""
+        return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.n_u, self.n_u))
+
+    def find(self, rows: NDArray[Any], columns: NDArray[Any]) -> Ints:
+        """Positions of entries of the upper triangle."""
+        return np.searchsorted(self.keys, rows.astype(np.int64) * self.n_u + columns)
+
+    def add_upper(self, data: Floats, ids: Ints, K: Floats) -> None:
+        """Add the upper triangles (n, 300) of the matrices of elements `ids` to the data (nnz + 1,)."""
+        if len(self.twice):
+            first, last = np.searchsorted(self.twice, [300 * ids[0], 300 * (ids[-1] + 1)])
+            K = K.copy()
+            K.reshape(-1)[self.twice[first:last] - 300 * ids[0]] *= 2.0
+        np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
+
+    def add(self, K: Floats) -> Floats:
+        """The data (nnz,) of the matrices (n_elements, 24, 24) of all elements."""
+        data = np.zeros(self.nnz + 1)
+        self.add_upper(data, np.arange(len(K)), K[:, _I, _J])
+        return data[:-1]
+
+
+def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
+    """The pattern of a body; patches: incidence (n_patches, n_u) of patches of several elements, which couple too."""
+    # Pairs of nodes first: there are far fewer of them than pairs of displacements.
+    a, b = np.triu_indices(8)
+    low, high = np.minimum(cells[:, a], cells[:, b]), np.maximum(cells[:, a], cells[:, b])
+    n_nodes = len(tie_index) // 3
+    pairs, pair_of = np.unique((low * n_nodes + high).reshape(-1), return_inverse=True)
+    first, second = np.divmod(pairs, n_nodes)
+    rows = np.broadcast_to((3 * first)[:, None, None] + np.arange(3)[:, None], (len(pairs), 3, 3)).reshape(-1)
+    columns = np.broadcast_to((3 * second)[:, None, None] + np.arange(3), (len(pairs), 3, 3)).reshape(-1)
+    moves = (tie_scale[rows] != 0.0) & (tie_scale[columns] != 0.0)
+    i, j = tie_index[rows], tie_index[columns]
+    keys = np.where(moves, np.minimum(i, j) * n_u + np.maximum(i, j), n_u * n_u)
+    further = [sp.triu(p.T @ p).tocoo() for p in patches]
+    every = np.concatenate([keys, *(f.row.astype(np.int64) * n_u + f.col for f in further)])
+    found, at = np.unique(every, return_inverse=True)
+    if len(found) and found[-1] == n_u * n_u:
+        found = found[:-1]
+    at = at[: len(keys)].reshape(len(pairs), 3, 3)
+    # Position of the pair of displacements (node a, component i; node b, component j) of each element.
+    number = np.zeros((8, 8), dtype=np.int64)
+    number[a, b] = number[b, a] = np.arange(len(a))
+    pair_of = pair_of.reshape(len(cells), -1)[:, number[_I // 3, _J // 3]]
+    swapped = cells[:, _I // 3] > cells[:, _J // 3]
+    row, column = np.where(swapped, _J % 3, _I % 3), np.where(swapped, _I % 3, _J % 3)
+    positions = at[pair_of, row, column]
+    same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
+    twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
+    indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
+    return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)
+
+
+@partial(jax.jit, static_argnames=("inside",))
+def _terms(
+    system: System, e: Elements, u: Array, m: Array, inputs: Inputs, gamma: Array, inside: tuple[bool, ...]
+) -> Terms:
+    """The terms of a chunk. u: (n_nodes, 3); m: (n_elements, multipliers); inputs: with the tensions of the chunk.
+
+    inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
+    """
+    c, n_m = system.coordinates, system.multipliers
+    order = np.arange(9).reshape(3, 3)  # positions in y of ∂θ_i/∂Θ_k[, θ_i]
+    if c.curved:
+        order = np.concatenate([order, np.arange(9, 12)[:, None]], axis=1)
+    n_y = order.size
+
+    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array) -> Terms:
+        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
+            y = lagrangian.variables(c, nodes, dN, N, theta, g)
+            r_y, K_y = lagrangian.at_point(system, jnp.concatenate([y, m]), frame, *T, e.material, inputs)
+            M = K_y[order.reshape(-1)[:, None], order.reshape(-1)[None, :]].reshape(*order.shape, *order.shape)
+            return weight * r_y, weight * M, weight * K_y[:, n_y:], lagrangian.volume_ratio(c, y)
+
+        r_y, M, by_m, J = jax.vmap(point)(e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
+        G = e.dN
+        if c.curved:
+            G = jnp.concatenate([G, system.N[:, :, None]], axis=2)
+        half = jnp.einsum("gikjl,gbl->gikbj", M, G)
+        K = jnp.einsum("gak,gikbj->aibj", G, half).reshape(24, 24)
+        B = jnp.einsum("gak,gikm->aim", G, by_m[:, order]).reshape(24, n_m) * e.scale[:, None]
+        D = jnp.diagonal(jnp.sum(by_m[:, n_y:], axis=0))
+        K = e.scale[:, None] * K * e.scale[None, :]
+        for k in range(n_m):
+            if inside[k]:
+                K = K + B[:, k, None] * B[None, :, k] / (jnp.sum(e.weight) / gamma - D[k])
+        r = e.scale * jnp.einsum("gak,gik->ai", G, r_y[:, order]).reshape(24)
+        return Terms(r, K[_I, _J], B, D, jnp.sum(r_y[:, n_y:], axis=0), jnp.min(J))
+
+    def block(at: tuple[Any, ...]) -> Terms:
+        e, *further = at
+        return jax.vmap(element)(e, u[e.cells], *further)
+
+    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), (e, m, inputs.T_f, inputs.T_cf))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(block, split))
+
+
+@jax.jit
+def _rate(
+    system: System, e: Elements, u: Array, du: Array, m: Array, inputs: Inputs, by_t: Inputs
+) -> tuple[Array, Array]:
+    """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
+    c, n_y = system.coordinates, 12 if system.coordinates.curved else 9
+
+    def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
+        def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array) -> tuple[Array, Array]:
+            def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
+                y = lagrangian.variables(c, nodes, dN, N, theta, g)
+                at = (frame, *T, e.material, inputs)
+                r = jax.jacfwd(lambda y: lagrangian.density(system, lagrangian.strain(c, y), *at))
+                r_y = weight * r(jnp.concatenate([y, m]))
+                on_nodes = dN @ r_y[:9].reshape(3, 3).T
+                return (on_nodes + N[:, None] * r_y[9:12] if c.curved else on_nodes), r_y[n_y:]
+
+            at = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
+            r, r_m = jax.vmap(point)(*at)
+            return e.scale * jnp.sum(r, axis=0).reshape(24), jnp.sum(r_m, axis=0)
+
+        return jax.vmap(element)(e, u[e.cells], m, inputs.T_f, inputs.T_cf)
+
+    return jax.jvp(of, (u, inputs), (du, by_t))[1]
+
+
+@jax.jit
+def _load_forces(system: System, u: Array, loads: Any) -> Array:
+    """The loads at the nodes (n_nodes, 3)."""
+    return surface.nodal_forces(system.coordinates, system.surfaces, loads, system.points + u, system.points)
+
+
+@jax.jit
+def _load_rates(system: System, u: Array, du: Array, loads: Any, by_t: Any) -> Array:
+    return jax.jvp(lambda u, loads: _load_forces(system, u, loads), (u, loads), (du, by_t))[1]
+
+
+@jax.jit
+def _load_tangents(system: System, u: Array, loads: Any) -> list[Array]:
+    """The derivatives (n_quads, 12, 12) of the loads, by kind."""
+    theta = system.points + u
+    return [
+        surface.quad_tangents(system.coordinates, kind, theta[quads], system.points[quads], loads[kind])
+        for kind, quads in system.surfaces.items()
+    ]
+
+
+class Assembly:
+    """The elements of a system in chunks, and the pattern that their terms go to."""
+
+    def __init__(self, system: System, patches: list[sp.csr_matrix]) -> None:
+        cells = np.asarray(system.cells)
+        tie_index, self.tie_scale = np.asarray(system.tie_index), np.asarray(system.tie_scale)
+        dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 24)
+        self.system = system
+        self.cells, self.tie_index = cells, tie_index
+        self.dofs, self.scale = tie_index[dofs], self.tie_scale[dofs]
+        self.pattern = pattern(cells, tie_index, self.tie_scale, system.n_u, patches)
+        self.local = np.asarray(system.local_multipliers)
+        n_e, self.count = len(cells), min(CHUNK, -(-len(cells) // BLOCK) * BLOCK)
+        self._ids = [np.arange(i, min(i + self.count, n_e)) for i in range(0, n_e, self.count)]
+        whole = Elements(
+            system.cells,
+            system.dN,
+            system.weight,
+            system.frame,
+            system.theta,
+            system.inverse_g,
+            system.material,
+            jnp.asarray(self.scale),
+        )
+        self._elements = [jax.tree.map(lambda x, i=self._padded(i): x[i], whole) for i in self._ids]
+        # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
+        none = np.zeros(0)
+        bare = {f: none for f in ("weight", "frame", "dN", "theta", "inverse_g", "material", "cells", "tie_index")}
+        bare |= {f: none for f in ("tie_scale", "points", "local_multipliers")}
+        self._shared = replace(system, n_u=0, n_p=0, n_q=0, surfaces={}, **bare)
+        kept = {"points": system.points, "surfaces": system.surfaces, "N": none}
+        self._loaded = replace(self._shared, **kept)
+
+    def _padded(self, ids: Ints) -> Ints:
+        """The elements of a chunk; the last one is filled up with repetitions."""
+        return np.concatenate([ids, np.full(self.count - len(ids), ids[-1])])
+
+    def _cut(self, inputs: Inputs, ids: Ints) -> Inputs:
+        """The inputs of a chunk."""
+        i = self._padded(ids)
+        none = np.zeros(0)
+        return inputs._replace(T_f=inputs.T_f[i], T_cf=inputs.T_cf[i], offset=none, loads={}, imbalance=none)
+
+    def terms(
+        self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]
+    ) -> Iterator[tuple[Ints, list[Floats]]]:
+        """(elements, their terms) of all chunks, some computed ahead."""
+
+        def compute(ids: Ints, e: Elements) -> list[Floats]:
+            m = z[self.local[self._padded(ids)]]
+            found = _terms(self._shared, e, u, m, self._cut(inputs, ids), np.float64(gamma), inside)
+            return [np.asarray(x)[: len(ids)] for x in found]
+
+        ahead: list[tuple[Ints, Future[list[Floats]]]] = []
+        for ids, e in zip(self._ids, self._elements, strict=True):
+            ahead.append((ids, _THREADS.submit(compute, ids, e)))
+            if len(ahead) > FLIGHT:
+                ids, future = ahead.pop(0)
+                yield ids, future.result()
+        for ids, future in ahead:
+            yield ids, future.result()
+
+    def rates(self, u: Array, du: Array, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
+        """The change (n,) of the residual with the inputs, loads included."""
+        r = -np.asarray(by_t.imbalance)
+        for ids, e in zip(self._ids, self._elements, strict=True):
+            m = z[self.local[self._padded(ids)]]
+            cut = self._cut(inputs, ids), self._cut(by_t, ids)
+            r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))
+            r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
+            r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
+        if self.system.surfaces:
+            forces = np.asarray(_load_rates(self._loaded, u, du, inputs.loads, by_t.loads))
+            r += np.bincount(self.tie_index, -self.tie_scale * forces.ravel(), len(r))
+        return r
+
+    def loads(self, u: Array, inputs: Inputs) -> tuple[Floats, sp.csr_matrix]:
+        """The loads on the unknowns (n,), and their derivative (n_u, n_u)."""
+        forces = np.asarray(_load_forces(self._loaded, u, inputs.loads)).ravel()
+        size, n_u = self.system.size, self.system.n_u
+        data, rows, columns = [], [], []
+        for quads, K in zip(self.system.surfaces.values(), _load_tangents(self._loaded, u, inputs.loads), strict=True):
+            dofs = (3 * np.asarray(quads)[:, :, None] + np.arange(3)).reshape(-1, 12)
+            index, scale = self.tie_index[dofs], self.tie_scale[dofs]
+            data.append((scale[:, :, None] * np.asarray(K) * scale[:, None, :]).ravel())
+            rows.append(np.broadcast_to(index[:, :, None], K.shape).ravel())
+            columns.append(np.broadcast_to(index[:, None, :], K.shape).ravel())
+        entries = (np.concatenate(rows), np.concatenate(columns))
+        K = sp.coo_matrix((np.concatenate(data), entries), shape=(n_u, n_u)).tocsr()
+        K.eliminate_zeros()
+        return np.bincount(self.tie_index, self.tie_scale * forces, size), K

@@ -1,0 +1,283 @@
+"""The linearised system of a large body: sparse, with the multipliers eliminated by an augmented Lagrangian.
+
+With p on one element, A + BᵀWB has the pattern of A, and one factorisation of it solves the saddle system
+
+    [A  Bᵀ] [u]   [a]
+    [B   D] [m] = [b]        u = Â⁻¹ (a + BᵀW b),  m = W (B u − b),   Â = A + BᵀWB,  W = (V/γ − D)⁻¹
+
+up to a remainder of 1/γ, which a few Krylov iterations on the saddle system itself remove. The same factors serve as the
+preconditioner of the next Newton steps, as long as that takes few iterations; the residual that counts is always that
+of the saddle system. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, gcrotmk
+
+from jaxmyo import factor, linear
+from jaxmyo.assembly import Assembly
+from jaxmyo.coordinates import evaluate
+from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.linear import At, Scales
+
+AUGMENTATION = 1e4  # γ over the stiffness of the body
+FEW = 8  # Krylov iterations with factors of an earlier tangent
+MANY = 60  # and with its own
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """The saddle matrix at one state.
+
+    data: (nnz,) upper triangle of A + BᵀWB; loads: (n_u, n_u) derivative of the loads, which A leaves out, or None;
+    B: (n_m, n_u); D, W: (n_m,); diagonal: (n_u,) of A less the loads.
+    """
+
+    data: Floats
+    loads: sp.csr_matrix | None
+    B: sp.csr_matrix
+    D: Floats
+    W: Floats
+    diagonal: Floats
+
+
+class Sparse:
+    """The linear algebra of one system with sparse matrices. Not for use inside JAX's transformations."""
+
+    xp = np
+    noise = 1e-5  # strain that the accuracy of the inner solves leaves of a correction
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        n_u, n_e = system.n_u, len(system.cells)
+        self.n_m = system.n_p + system.n_q
+        patch = np.asarray(system.local_multipliers) - n_u
+        single = [bool((np.bincount(own)[own] == 1).all()) for own in patch.T]
+        cells = np.asarray(system.cells)
+        dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
+        index, moves = np.asarray(system.tie_index)[dofs], np.asarray(system.tie_scale)[dofs] != 0.0
+        # B in CSR: which element entry stands where
+        keys = patch.T[:, :, None] * np.int64(n_u) + index[None]
+        self._coupling, self._entry = np.unique(np.where(moves[None], keys, -1), return_inverse=True)
+        self._entry = self._entry.reshape(keys.shape).transpose(1, 2, 0)  # (n_e, 24, multipliers)
+        several = []
+        for own, alone in zip(patch.T, single, strict=True):
+            if not alone:
+                at = (np.broadcast_to(own[:, None], index.shape)[moves], index[moves])
+                touches = sp.csr_matrix((np.ones(len(at[0])), at), shape=(self.n_m, n_u))
+                touches.data[:] = 1.0
+                several.append(touches)
+        self.assembly = Assembly(system, several)
+        self.pattern = self.assembly.pattern
+        self._inside = tuple(single)
+        self._is_inside = np.zeros(self.n_m)
+        for own, alone in zip(patch.T, single, strict=True):
+            self._is_inside[own] = alone
+        self._metric = self._metric_data()
+        self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
+        self._volume = self.scale.volume[n_u:]
+        self._gamma = AUGMENTATION
+        self.factors = factor.solver(self.pattern)
+        self._factored: tuple[Tangent, float] | None = None
+        self.counts = {"assemblies": 0, "factorisations": 0, "inner solves": 0, "inner iterations": 0}
+
+    @classmethod
+    def of(cls, system: System) -> "Sparse":
+        """As the last call gave it, with its pattern, ordering and factors, if the system is the same."""
+        global _last
+        if _last is None or not _same(_last.system, system):
+            _last = None  # the factors of one large body at a time
+            _last = cls(system)
+        return _last
+
+    def _metric_data(self) -> Floats:
+        """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
+        s, a = self.system, self.assembly
+        weight, g = np.asarray(s.weight), 1.0 / np.asarray(s.inverse_g)
+        dN, N = np.asarray(s.dN), np.asarray(s.N)
+        K = np.zeros((len(weight), 24, 24))
+        stiffness = np.einsum("egi,egak,egbk->eiab", weight[:, :, None] * g**2, dN, dN, optimize=True)
+        if s.coordinates.curved:
+            by = evaluate(jax.vmap(jax.jacfwd(s.coordinates.g)), np.asarray(s.theta))  # ∂g_j/∂θ_i
+            hoop = np.einsum("eg,egji->egi", weight, (by / g[..., None]) ** 2)
+            stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
+        for i in range(3):
+            K[:, i::3, i::3] = stiffness[:, i]
+        return a.pattern.add(K * a.scale[:, :, None] * a.scale[:, None, :])
+
+    def _scales(self, diagonal: Floats, index: Any, moves: Any, patch: Any) -> Scales:
+        n_u, size = self.system.n_u, np.asarray(self.system.weight).sum(axis=1)
+        each = np.broadcast_to(size[:, None], index.shape)
+        volume = np.bincount(index[moves], each[moves], minlength=self.system.size)
+        for own in patch.T:
+            volume += np.bincount(n_u + own, size, minlength=len(volume))
+        unit = np.ones(len(volume))
+        unit[:n_u] = np.sqrt(volume[:n_u] / diagonal)
+        return Scales(unit, volume)  # type: ignore[arg-type]
+
+    def at(self, z: Floats, inputs: Inputs) -> At:
+        """The residual (n,) and the tangent at z."""
+        self.counts["assemblies"] += 1
+        s, a, n_u = self.system, self.assembly, self.system.n_u
+        u = self._displacements(z, inputs)
+        r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
+        B, D, least_J = np.zeros(len(self._coupling)), np.zeros(self.n_m), np.inf
+        for ids, t in a.terms(u, z, inputs, self._gamma, self._inside):
+            r += np.bincount(a.dofs[ids].ravel(), t[0].ravel(), len(r))
+            r += np.bincount(a.local[ids].ravel(), t[4].ravel(), len(r))
+            self.pattern.add_upper(data, ids, t[1])
+            np.add.at(B, self._entry[ids].ravel(), t[2].ravel())
+            np.add.at(D, a.local[ids].ravel() - n_u, t[3].ravel())
+            least_J = min(least_J, float(t[5].min()))
+        data = data[:-1]
+        kept = self._coupling >= 0
+        rows, columns = np.divmod(self._coupling[kept], n_u)
+        coupling = sp.csr_matrix((B[kept], columns, np.searchsorted(rows, np.arange(self.n_m + 1))), (self.n_m, n_u))
+        W = 1.0 / (self._volume / self._gamma - D)
+        inside = W * self._is_inside
+        squares = coupling.copy()
+        squares.data **= 2
+        diagonal = data[self.pattern.diagonal] - squares.T @ inside
+        if (inside != W).any():
+            outside = (coupling.T @ sp.diags(W - inside) @ coupling).tocoo()
+            upper = outside.row <= outside.col
+            np.add.at(data, self.pattern.find(outside.row[upper], outside.col[upper]), outside.data[upper])
+        loads = None
+        if s.surfaces:
+            forces, loads = a.loads(u, inputs)
+            r -= forces
+            diagonal = diagonal - loads.diagonal()
+        K = Tangent(data, loads, coupling, D, W, diagonal)
+        return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)  # type: ignore[arg-type]
+
+    def _displacements(self, z: Floats, inputs: Inputs) -> Floats:
+        full = np.asarray(inputs.offset) + self.assembly.tie_scale * z[self.assembly.tie_index]
+        return full.reshape(-1, 3)
+
+    def strain_of(self, dz: Floats) -> tuple[Any, Any]:
+        """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
+        rms, largest = linear.strain_of(self.system, dz)
+        return np.float64(rms), np.float64(largest)
+
+    def rates(self, z: Floats, inputs: Inputs, by_t: Inputs, factors: "Factors") -> tuple[Floats, Any]:
+        """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
+        u, du = self._displacements(z, inputs), np.asarray(by_t.offset).reshape(-1, 3)
+        rate = -factors.solve(self.assembly.rates(u, du, z, inputs, by_t), 1e-4)
+        return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, by_t))
+
+    def factorise(self, at: At, mu: Any) -> "Factors":
+        """The system K + μ·metric, to be solved; nothing is factorised before it is needed."""
+        return Factors(self, at.K, float(mu))
+
+    def nothing(self) -> tuple[None, None]:
+        """A tangent and factors to begin a loop with."""
+        return None, None
+
+    def inertia(self, at: At, z: Floats) -> tuple[Any, Any]:
+        """(negative eigenvalues of the second variation on the constraint manifold, perturbed pivots), see `Dense`.
+
+        The augmented matrix has the former as its negative eigenvalues, for γ large enough.
+        """
+        if at.K is None:
+            return np.array(-1), np.array(-1)
+        negative, perturbed = self.factorised(at.K, 0.0).inertia
+        return np.array(negative), np.array(perturbed)
+
+    def factorised(self, K: Tangent, mu: float) -> factor.Solver:
+        """The factors of exactly this matrix."""
+        if self._factored is None or self._factored[0] is not K or self._factored[1] != mu:
+            self.counts["factorisations"] += 1
+            data = K.data + mu * self._metric
+            if K.loads is not None:
+                sym = (-0.5 * (K.loads + K.loads.T)).tocoo()
+                upper = sym.row <= sym.col
+                np.add.at(data, self.pattern.find(sym.row[upper], sym.col[upper]), sym.data[upper])
+            self.factors.factorise(data)
+            self._factored = (K, mu)
+            # The next tangents are augmented in proportion to the stiffness that this one has.
+            weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
+            self._gamma = AUGMENTATION * float(np.max(np.abs(K.diagonal) * weigh))
+        return self.factors
+
+    def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> Floats:
+        """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
+        n_u = self.system.n_u
+        upper = self.pattern.matrix(K.data + mu * self._metric)
+        lower, diagonal = upper.T, upper.diagonal()
+
+        def apply(x: Floats) -> Floats:
+            u, m = x[:n_u], x[n_u:]
+            Bu = K.B @ u
+            forces = upper @ u + lower @ u - diagonal * u + K.B.T @ (m - K.W * Bu)
+            if K.loads is not None:
+                forces -= K.loads @ u
+            return np.concatenate([forces, Bu + K.D * m])
+
+        if self._factored is None:
+            self.factorised(K, mu)
+        size = (len(b), len(b))
+        for _ in range(2):
+            assert self._factored is not None
+            M, M_mu = self._factored
+            own = M is K and M_mu == mu
+
+            def precondition(x: Floats, M: Tangent = M) -> Floats:
+                self.counts["inner iterations"] += 1
+                u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * x[n_u:]))
+                return np.concatenate([u, M.W * (M.B @ u - x[n_u:])])
+
+            x, _ = gcrotmk(
+                LinearOperator(size, apply, dtype=float),
+                b,
+                x0=guess,
+                rtol=accuracy,
+                atol=0.0,
+                maxiter=1,
+                m=MANY if own else FEW,
+                k=0,
+                M=LinearOperator(size, precondition, dtype=float),
+            )
+            self.counts["inner solves"] += 1
+            if np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b):
+                return x
+            if own:
+                return np.full(b.shape, np.nan)
+            self.factorised(K, mu)
+            guess = x
+        raise AssertionError
+
+
+_last: Sparse | None = None
+
+
+def _same(a: System, b: System) -> bool:
+    """Whether two systems are equal, number by number."""
+    if jax.tree.structure(a) != jax.tree.structure(b):
+        return False
+    return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """K + μ·metric, to be solved and counted."""
+
+    of: Sparse
+    K: Tangent
+    mu: float
+
+    def solve(self, b: Floats, accuracy: Any, guess: Floats | None = None) -> Floats:
+        """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
+        return self.of.solve(self.K, self.mu, b, float(accuracy), guess)
+
+    @property
+    def sign(self) -> Any:
+        """The sign of the determinant, up to that of the multipliers' block, ±1."""
+        negative, _ = self.of.factorised(self.K, 0.0).inertia
+        return np.array(1.0 if negative % 2 == 0 else -1.0)
