@@ -16,7 +16,8 @@ import pytest
 import jaxmyo as jm
 from jaxmyo import restart
 
-LOADS = (jm.Pressure("inner", 4.0), jm.Traction("z1", (0.0, 0.0, 0.1)), jm.Spring("outer", jnp.asarray(0.5)))
+#: The last one is a tie: of it a state C has the system, not the condition.
+LOADS = (jm.Pressure("inner", 4.0), jm.Spring("outer", jnp.asarray(0.5)), jm.Stretch("z", 0.97))
 
 
 @pytest.fixture(scope="module")
@@ -59,15 +60,9 @@ def test_round_trip(A: jm.State, C: jm.State, reloaded: Callable[..., jm.State])
     for state in (A, C):
         again = reloaded(state)
         assert_same(state, again)
-        assert print_of(again) == print_of(state)
-        np.testing.assert_array_equal(again.cauchy, state.cauchy)
-        np.testing.assert_array_equal(again.T_cf, state.T_cf)
-        np.testing.assert_array_equal(again.reactions, state.reactions)
-    assert again.conditions == LOADS
-
-
-def print_of(state: jm.State) -> str:
-    return f"{state}\n{state.message}"
+        assert str(again) == str(state)
+    assert again.conditions == LOADS[:2]
+    assert again.q is None
 
 
 def test_what_follows_is_the_same(A: jm.State, C: jm.State, reloaded: Callable[..., jm.State]) -> None:
@@ -80,45 +75,38 @@ def test_what_follows_is_the_same(A: jm.State, C: jm.State, reloaded: Callable[.
     assert_same(jm.contract(A.scene, start=A, **more), jm.contract(scene, start=A_again, **more))
 
 
-def test_loads_that_faded_are_still_there(A: jm.State, C: jm.State, reloaded: Callable[..., jm.State]) -> None:
-    """Where the conditions are of other kinds than those of the start, the old ones stay in the system with 0 kPa."""
-    without_spring = jm.load(A, LOADS[0], start=C)
-    assert set(without_spring.inputs.loads) == {"open", "nominal", "spring"}
-    again = reloaded(without_spring)
-    assert_same(without_spring, again)
-    assert print_of(again) == print_of(without_spring)
+def test_conditions_keep_their_kinds(C: jm.State, reloaded: Callable[..., jm.State]) -> None:
+    """A vector may be a tuple, a list or an array; which it is decides whether loads are the same with other values."""
+    vectors = [(0.0, 0, 0.1), [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.1])]
+    conditions = tuple(jm.Traction("z1", v, "cauchy") for v in vectors)
+    assert_same(replace(C, conditions=conditions), reloaded(replace(C, conditions=conditions)))
 
 
-def test_prescribed_stretch_and_the_sample(reloaded: Callable[..., jm.State]) -> None:
-    """Ties of a state C are not in its conditions; one element, without and with the weave."""
-    scene = jm.thin_sample(elements=(1, 1, 1))
-    A = jm.contract(scene, T0=10.0, a_over_D=None, beta=0.3)
-    C = jm.load(A, jm.Stretch("x", 1.1), jm.Stretch("y", 1.05))
-    again = reloaded(C, jm.thin_sample(elements=(1, 1, 1)))
-    assert_same(C, again)
-    assert again.q is None
-    np.testing.assert_array_equal(again.mean("stretches"), C.mean("stretches"))
+def test_loads_that_faded_are_still_there(C: jm.State, reloaded: Callable[..., jm.State]) -> None:
+    """After `load(A, start=C)` with other kinds of conditions, the old ones stay in the system, with 0 kPa."""
+    faded = {kind: 0.0 * values for kind, values in C.inputs.loads.items()}
+    state = replace(C, inputs=C.inputs._replace(loads=faded), conditions=())
+    again = reloaded(state)
+    assert set(again.system.surfaces) == {"open", "spring"}
+    assert_same(state, again)
 
 
-def test_batches(reloaded: Callable[..., jm.State]) -> None:
-    """Of `vmap`, where every state has its system, and of `cycle`, where they share one."""
-    sample = jm.thin_sample()
-    many = jax.vmap(lambda T0: jm.contract(sample, T0=T0, a_over_D=0.2))(jnp.array([5.0, 10.0, 15.0]))
-    again = reloaded(many, jm.thin_sample())
-    assert_same(many, again)
-    assert_same(many[1], again[1])
-    assert str(again) == str(many)
-    shared = replace(many, system=many[0].system)
-    assert_same(shared, reloaded(shared, jm.thin_sample()))
+def test_batches(C: jm.State, reloaded: Callable[..., jm.State]) -> None:
+    """Each state of a batch has its system, as `vmap` makes them, or they share one, as in a `cycle`."""
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), C)
+    for batch in (many, replace(many, system=C.system)):
+        again = reloaded(batch)
+        assert_same(batch, again)
+        assert str(again) == str(batch)
+        assert_same(C, again[1])
 
 
-def test_a_state_that_failed(A: jm.State, reloaded: Callable[..., jm.State]) -> None:
-    failed = jm.load(A, jm.Pressure("inner", 1e3), throw=False, settings=jm.Settings(max_steps=3))
-    assert not failed.converged
+def test_a_state_that_failed(A: jm.State, C: jm.State, reloaded: Callable[..., jm.State]) -> None:
+    failed = replace(C, status=jnp.asarray(jm.Status.TOO_MANY_STEPS), reached=jnp.asarray(0.25))
     again = reloaded(failed)
     assert_same(failed, again)
     assert again.message == failed.message
-    with pytest.raises(ValueError, match="start is not converged: TOO_MANY_STEPS"):
+    with pytest.raises(ValueError, match=r"start is not converged: TOO_MANY_STEPS at 25 %"):
         jm.load(reloaded(A, again.scene), jm.Pressure("inner", 1.0), start=again)
 
 
@@ -138,7 +126,7 @@ def test_a_state_that_failed(A: jm.State, reloaded: Callable[..., jm.State]) -> 
 def test_another_scene(
     other: Callable[[], jm.Scene], parts: list[str], A: jm.State, reloaded: Callable[..., jm.State]
 ) -> None:
-    with pytest.raises(ValueError, match="scene is not the one of the state in .*; they differ in: ") as error:
+    with pytest.raises(ValueError, match=r"scene is not the one of the state in .*; they differ in: ") as error:
         reloaded(A, other())
     found = str(error.value).split("differ in: ")[1].split(", ")
     assert set(parts) <= set(found) <= {*parts, "p_patches", "q_patches"}
