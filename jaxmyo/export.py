@@ -51,7 +51,9 @@ def write_vtu(path: str | Path, state: State, refine: tuple[int, int, int] = (1,
         message = f"write_vtu needs {error.name}, which is not installed: pip install 'jaxmyo[mesh]'"
         raise ModuleNotFoundError(message, name=error.name) from error
     if jnp.ndim(state.status):
-        raise TypeError(f"state is a batch of shape {jnp.shape(state.status)}; write one of them, state[i]")
+        raise TypeError(
+            f"state is a batch of shape {jnp.shape(state.status)}; write one of them, state[i], or all by write_series"
+        )
     pieces = structured([np.linspace(-1.0, 1.0, n + 1) for n in checks.counts("refine", refine, 3)])
     points, displacements, cells = _body(state, shape(pieces.points), pieces.cells)
     means = _means(_bare(state))

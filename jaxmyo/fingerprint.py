@@ -20,7 +20,7 @@ def fingerprint(scene: Scene) -> dict[str, str]:
     mesh, c = scene.mesh, scene.mesh.coordinates
     law = getattr(scene.law, "__qualname__", type(scene.law).__qualname__)
     C, frame = jnp.array([[1.2, 0.1, 0.0], [0.1, 0.9, 0.05], [0.0, 0.05, 1.0]]), jnp.eye(3)
-    energy = float(scene.law(C, frame, jnp.asarray(0.5), scene.constants))
+    energy = float(scene.law(C, frame, jnp.asarray(0.5, dtype=float), scene.constants))
     constants = jax.tree_util.tree_flatten_with_path(scene.constants)[0]
     return {
         "mesh points": _hash(_rounded(mesh.points)),
@@ -39,8 +39,11 @@ def fingerprint(scene: Scene) -> dict[str, str]:
 
 
 def _support(support: Any) -> list[Any]:
-    values = [getattr(support, f.name) for f in fields(support)]
-    return [type(support).__name__, *(v if isinstance(v, str) else np.asarray(v) for v in values)]
+    parts: list[Any] = [type(support).__name__]
+    for value in (getattr(support, f.name) for f in fields(support)):
+        names = isinstance(value, str | tuple) and all(isinstance(v, str) for v in value)
+        parts.append(str(value) if names else np.asarray(value, dtype=np.float64))
+    return parts
 
 
 def _rounded(x: np.ndarray) -> np.ndarray:

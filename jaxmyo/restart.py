@@ -24,7 +24,7 @@ from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.ties import Ties
 
-FORMAT, VERSION = "jaxmyo state", 1
+FORMAT, VERSION = "jaxmyo state", 1  # another version wherever the fields of State or Inputs change
 _CONDITIONS = {kind.__name__: kind for kind in (Traction, Pressure, Spring)}
 _FIELDS = [f.name for f in fields(State) if f.name not in ("scene", "system", "inputs", "conditions")]
 
