@@ -20,9 +20,11 @@ from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
 from jaxmyo.energies import lin_yin
+from jaxmyo.export import write_series, write_vtu
 from jaxmyo.mesh import Mesh, box, structured
 from jaxmyo.newton import Settings
 from jaxmyo.patches import blocks, columns
+from jaxmyo.restart import load_state, save_state
 from jaxmyo.scene import Scene
 from jaxmyo.scenes import axisymmetric_tube, radial_tube, thin_sample, tube_sector
 from jaxmyo.solve import contract, load
@@ -63,9 +65,13 @@ __all__ = [
     "cycle",
     "lin_yin",
     "load",
+    "load_state",
     "prolate_spheroidal",
     "radial_tube",
+    "save_state",
     "structured",
     "thin_sample",
     "tube_sector",
+    "write_series",
+    "write_vtu",
 ]

@@ -63,7 +63,13 @@ class Coordinates:
 def evaluate(function: Map, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """A function of each of n points (n, ...), in numbers: also while JAX traces, since meshes are not traced."""
     with jax.ensure_compile_time_eval():
-        return np.asarray(jax.jit(jax.vmap(function))(jnp.asarray(points)))
+        return np.asarray(_of_many(function)(jnp.asarray(points)))
+
+
+@lru_cache
+def _of_many(function: Map) -> Map:
+    """The compiled function of many points, once per function."""
+    return jax.jit(jax.vmap(function))
 
 
 def _cartesian(theta: Array) -> Array:

@@ -41,6 +41,12 @@ def deformed_frame(F: Array, frame: Array) -> Array:
     return jnp.stack([f, jnp.cross(n, f), n], axis=-2)
 
 
+def green_lagrange(F: Array, frame: Array) -> Array:
+    """E = ½ (FᵀF − 1) (..., 3, 3) [–] along the rows of the frame of P: fibre, cross-fibre, normal."""
+    along = F @ jnp.swapaxes(frame, -1, -2)
+    return 0.5 * (jnp.swapaxes(along, -1, -2) @ along - jnp.eye(3)[(None,) * (F.ndim - 2)])
+
+
 def tensions(system: System, u: Array, q: Array, inputs: Inputs) -> tuple[Array, Array]:
     """Pseudo-active tensions (T_A^f, T_A^cf) = (−q h4 I4, −q h6 I6), each (n_elements, n_points) [kPa] (Eq. (T)).
 

@@ -17,7 +17,7 @@ from test_element import central, residual_and_tangent_of, residual_of
 
 import jaxmyo as jm
 from jaxmyo import lagrangian, outputs, surface, ties
-from jaxmyo.coordinates import Coordinates
+from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.lagrangian import Inputs, System
 
@@ -582,3 +582,22 @@ def test_inflation_of_a_prolate_shell_from_rest() -> None:
     assert int(state.negative_eigenvalues) == 0
     assert all(np.isfinite(np.asarray(f)).all() for f in (state.p, state.cauchy, state.reactions))
     assert_inflated(state.system, np.asarray(state.u), np.asarray(state.F))
+
+
+def test_a_function_of_points_is_traced_once() -> None:
+    """Also where a mesh is made while JAX traces."""
+    traced = []
+
+    def double(theta: Any) -> Any:
+        traced.append(theta)
+        return 2.0 * theta
+
+    points = np.arange(6.0).reshape(2, 3)
+    np.testing.assert_array_equal(evaluate(double, points), 2.0 * points)
+
+    @jax.jit
+    def within(x: Any) -> Any:
+        return x + evaluate(double, points + 1.0)[1, 2]
+
+    assert float(within(1.0)) == 13.0
+    assert len(traced) == 1

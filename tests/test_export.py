@@ -3,6 +3,8 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import jaxmyo as jm
-from jaxmyo.export import write_vtu
+from jaxmyo.export import write_series, write_vtu
 from jaxmyo.hexahedron import gauss, shape_gradient
 
 SEGMENTS = 48  # of a ring
@@ -84,10 +86,17 @@ def test_cell_data(sample: jm.State, tmp_path: Path) -> None:
         np.testing.assert_allclose(data.pop(f"stretch_{axis}"), mean(sample.stretches)[:, i], **close)
     np.testing.assert_allclose(data.pop("det_F"), 1.0, atol=1e-2)  # the mean of I3, not of J, is 1 in each element
     sigma = mean(sample.cauchy_fibre)
+    frame = sample.system.frame
+    E = 0.5 * (mean(frame @ sample.C @ jnp.swapaxes(frame, -1, -2)) - np.eye(3))
     for i, row in enumerate("fcn"):
         for j, column in enumerate("fcn"):
             if j >= i:
                 np.testing.assert_allclose(data.pop(f"sigma_{row}{column}_kPa"), sigma[:, i, j], **close)
+                np.testing.assert_allclose(data.pop(f"E_{row}{column}"), E[:, i, j], **close)
+    np.testing.assert_allclose(data.pop("fibre_P"), [[0.8, 0.6, 0.0]] * 4, **close)
+    f = np.einsum("egij,j->egi", sample.F, [0.8, 0.6, 0.0])
+    f = (f / np.linalg.norm(f, axis=-1, keepdims=True)).mean(axis=1)
+    np.testing.assert_allclose(data.pop("fibre"), f / np.linalg.norm(f, axis=-1, keepdims=True), **close)
     assert data == {}
 
 
@@ -118,6 +127,20 @@ def test_ring(tube: jm.State, tmp_path: Path) -> None:
         np.testing.assert_allclose(r[np.abs(R - node) < 1e-9], node + u, rtol=1e-12)
     np.testing.assert_allclose(mesh.cell_data["det_F"][0], 1.0, atol=5e-3)
     np.testing.assert_array_equal(mesh.cell_data["T_A_cf_kPa"][0], 0.0)
+
+
+def test_fibres_of_a_ring(tube: jm.State, tmp_path: Path) -> None:
+    """They go round with its pieces, and turn with the body."""
+    mesh, cells = read(write_vtu(tmp_path / "a.vtu", tube, refine=(2, SEGMENTS, 1)))
+    x, y, z = mesh.points[cells].mean(axis=1).T
+    around = np.stack([-y, x, 0.0 * z], axis=1) / np.hypot(x, y)[:, None]
+    np.testing.assert_allclose(mesh.cell_data["fibre_P"][0], around, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(mesh.cell_data["fibre"][0], around, rtol=0, atol=1e-12)
+    turned = replace(tube, u=tube.u + jnp.array([[0.0, 0.5, 0.0]]))  # a rigid rotation by 0.5 rad about the axis
+    mesh, _ = read(write_vtu(tmp_path / "b.vtu", turned, refine=(2, SEGMENTS, 1)))
+    c, s = np.cos(0.5), np.sin(0.5)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(mesh.cell_data["fibre"][0], around @ rotation.T, rtol=0, atol=1e-12)
 
 
 def test_means_are_of_the_volume(tube: jm.State, tmp_path: Path) -> None:
@@ -153,3 +176,82 @@ def test_missing_meshio_is_named(tube: jm.State, tmp_path: Path, monkeypatch: py
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'jaxmyo\[mesh\]'"):
         write_vtu(tmp_path / "a.vtu", tube)
+
+
+def series(path: Path) -> list[tuple[float, Path]]:
+    """The times and files of a .pvd file."""
+    root = ElementTree.parse(path).getroot()
+    assert (root.tag, root.get("type")) == ("VTKFile", "Collection")
+    sets = root.findall("Collection/DataSet")
+    return [(float(entry.attrib["timestep"]), path.parent / entry.attrib["file"]) for entry in sets]
+
+
+def test_series(tube: jm.State, tmp_path: Path) -> None:
+    rest = replace(tube, u=0.0 * tube.u)
+    batch = replace(jax.tree.map(lambda *leaves: jnp.stack(leaves), rest, tube), system=tube.system)
+    path = write_series(tmp_path / "a & b.pvd", batch, [0.1, 0.3], refine=(1, SEGMENTS, 1))
+    assert path == tmp_path / "a & b.pvd"
+    found = series(path)
+    assert [t for t, _ in found] == [0.1, 0.3]
+    assert sorted(tmp_path.iterdir()) == sorted([path, *(file for _, file in found)])
+    for (_, file), state in zip(found, (rest, tube), strict=True):
+        alone = write_vtu(tmp_path / "alone.vtu", state, refine=(1, SEGMENTS, 1))
+        assert file.read_bytes() == alone.read_bytes()
+    of_list = series(write_series(tmp_path / "list.pvd", [rest, tube, rest], np.array([-1.0, 0.0, 1e-9])))
+    assert [t for t, _ in of_list] == [-1.0, 0.0, 1e-9]
+    assert np.abs(meshio.read(of_list[0][1]).point_data["displacement_mm"]).max() == 0.0
+
+
+def test_a_killed_series(tube: jm.State, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed while it writes its second file: the series that was there before is whole."""
+    path = write_series(tmp_path / "a.pvd", [tube, tube], [0.0, 1.0])
+    before = path.read_text()
+    write, calls = meshio.write, []
+
+    def killed(file: Path, *arguments: Any, **options: Any) -> None:
+        calls.append(file)
+        if len(calls) == 2:
+            Path(file).write_text("half a fi")
+            raise KeyboardInterrupt
+        write(file, *arguments, **options)
+
+    monkeypatch.setattr(meshio, "write", killed)
+    for name, files in (("a.pvd", 3), ("new.pvd", 4)):
+        calls.clear()
+        with pytest.raises(KeyboardInterrupt):
+            write_series(tmp_path / name, [tube, tube, tube], [0.0, 1.0, 2.0])
+        assert len(list(tmp_path.iterdir())) == files
+    assert path.read_text() == before
+    assert not (tmp_path / "new.pvd").exists()
+    for _, file in series(path):
+        read(file)
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([0.0, 1.0, 1.0], r"times must increase; got 1 at index 2 after 1"),
+        ([0.0, 2.0, 1.0], r"times must increase; got 1 at index 2 after 2"),
+        ([0.0, 1.0], r"times must have shape \(3,\); got \(2,\)"),
+        ([0.0, 1.0, np.inf], r"times must be finite; got inf at index \(2,\)"),
+    ],
+)
+def test_times_are_checked(tube: jm.State, tmp_path: Path, times: list[float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        write_series(tmp_path / "a.pvd", [tube] * 3, times)
+    assert not list(tmp_path.iterdir())
+
+
+def test_series_of_states(tube: jm.State, tmp_path: Path) -> None:
+    pair = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), tube)
+    for states, error, message in [
+        (tube, TypeError, r"states must be a batch of shape \(n,\) or a sequence; got \(\)"),
+        ([], ValueError, "states is empty"),
+        ([tube, pair], TypeError, r"states\[1\] must be one State"),
+        ([tube, None], TypeError, r"states\[1\] must be one State; got None"),
+    ]:
+        with pytest.raises(error, match=message):
+            write_series(tmp_path / "a.pvd", states, [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"path = .*a\.vtu must end in \.pvd"):
+        write_series(tmp_path / "a.vtu", [tube], [0.0])
+    assert not list(tmp_path.iterdir())

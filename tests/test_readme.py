@@ -6,13 +6,18 @@ from pathlib import Path
 import pytest
 
 
-def test_examples_of_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
+def test_examples_of_the_readme(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
-    assert len(examples) == 3
+    assert len(examples) == 4
     exec("\n".join(examples), {})
     printed = capsys.readouterr().out
     assert "mean stretches 0.71837, 0.95894, 1.45166" in printed
     assert "3.8957" in printed  # 38.96 kPa along, 24.25 kPa across the fibres
     assert "2.42515" in printed
     assert "1000 CONVERGED" in printed
+    names = {"tube.pvd", "C.npz", *(f"tube_{k:04d}.vtu" for k in range(5))}
+    assert {file.name for file in (tmp_path / "out").iterdir()} == names

@@ -1,0 +1,62 @@
+"""What makes two scenes the same: a hash of each part, so that a difference has a name."""
+
+import hashlib
+from dataclasses import fields
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmyo.coordinates import evaluate
+from jaxmyo.scene import Scene
+
+#: Decimals of coordinates [mm, rad] and unit vectors: the round-off of another machine is no other scene.
+DECIMALS = 9
+
+
+def fingerprint(scene: Scene) -> dict[str, str]:
+    """Part of the scene → its hash. The law's text is not part of it: its name, and its energy in one deformation."""
+    mesh, c = scene.mesh, scene.mesh.coordinates
+    law = getattr(scene.law, "__qualname__", type(scene.law).__qualname__)
+    C, frame = jnp.array([[1.2, 0.1, 0.0], [0.1, 0.9, 0.05], [0.0, 0.05, 1.0]]), jnp.eye(3)
+    energy = float(scene.law(C, frame, jnp.asarray(0.5, dtype=float), scene.constants))
+    constants = jax.tree_util.tree_flatten_with_path(scene.constants)[0]
+    return {
+        "mesh points": _hash(_rounded(mesh.points)),
+        "cells": _hash(mesh.cells),
+        "faces": _hash(*(part for name in sorted(mesh.faces) for part in (name, mesh.faces[name]))),
+        "coordinates": _hash(c.name, *c.axes, *c.units, _rounded(evaluate(c.position, mesh.points))),
+        "Gauss points": _hash(np.array(scene.orders)),
+        "fibre and cross": _hash(_rounded(scene.frame)),
+        "law": _hash(law),
+        "constants": _hash(*(part for at, x in constants for part in (jax.tree_util.keystr(at), np.asarray(x)))),
+        "energy density": _hash(f"{energy:.9e}"),
+        "p_patches": _hash(scene.p_patches),
+        "q_patches": _hash(scene.q_patches),
+        "supports": _hash(*(part for support in scene.supports for part in _support(support))),
+    }
+
+
+def _support(support: Any) -> list[Any]:
+    parts: list[Any] = [type(support).__name__]
+    for value in (getattr(support, f.name) for f in fields(support)):
+        names = isinstance(value, str | tuple) and all(isinstance(v, str) for v in value)
+        parts.append(str(value) if names else np.asarray(value, dtype=np.float64))
+    return parts
+
+
+def _rounded(x: np.ndarray) -> np.ndarray:
+    return np.round(x, DECIMALS) + 0.0  # no −0
+
+
+def _hash(*parts: Any) -> str:
+    """Of texts and arrays."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray) and part.dtype.kind in "iuf":
+            part = part.astype("<f8" if part.dtype.kind == "f" else "<i8")
+            digest.update(f"{part.dtype.str} {part.shape}\n".encode() + part.tobytes())
+        else:
+            digest.update(f"{part}\n".encode())
+    return digest.hexdigest()
