@@ -191,23 +191,32 @@ def _rate(
     """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
     c, n_y = system.coordinates, 12 if system.coordinates.curved else 9
 
-    def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
-        def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array) -> tuple[Array, Array]:
-            def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
-                y = lagrangian.variables(c, nodes, dN, N, theta, g)
-                at = (frame, *T, e.material, inputs)
-                r = jax.jacfwd(lambda y: lagrangian.density(system, lagrangian.strain(c, y), *at))
-                r_y = weight * r(jnp.concatenate([y, m]))
-                on_nodes = dN @ r_y[:9].reshape(3, 3).T
-                return (on_nodes + N[:, None] * r_y[9:12] if c.curved else on_nodes), r_y[n_y:]
+    def element(
+        e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs
+    ) -> tuple[Array, Array]:
+        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
+            y = lagrangian.variables(c, nodes, dN, N, theta, g)
+            at = (frame, *T, e.material, inputs)
+            r = jax.jacfwd(lambda y: lagrangian.density(system, lagrangian.strain(c, y), *at))
+            r_y = weight * r(jnp.concatenate([y, m]))
+            on_nodes = dN @ r_y[:9].reshape(3, 3).T
+            return (on_nodes + N[:, None] * r_y[9:12] if c.curved else on_nodes), r_y[n_y:]
 
-            at = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
-            r, r_m = jax.vmap(point)(*at)
-            return e.scale * jnp.sum(r, axis=0).reshape(24), jnp.sum(r_m, axis=0)
+        at = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
+        r, r_m = jax.vmap(point)(*at)
+        return e.scale * jnp.sum(r, axis=0).reshape(24), jnp.sum(r_m, axis=0)
 
-        return jax.vmap(element)(e, u[e.cells], m, inputs.T_f, inputs.T_cf)
+    def block(at: tuple[Any, ...]) -> tuple[Array, Array]:
+        e, m, T, dT = at
 
-    return jax.jvp(of, (u, inputs), (du, by_t))[1]
+        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> tuple[Array, Array]:
+            return jax.vmap(element, in_axes=(0, 0, 0, 0, 0, None))(e, u[e.cells], m, *T, inputs)
+
+        return jax.jvp(of, (u, T, inputs), (du, dT, by_t))[1]
+
+    tensions = ((inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf))
+    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), (e, m, *tensions))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(block, split))
 
 
 @jax.jit

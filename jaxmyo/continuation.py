@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import control, newton
+from jaxmyo import checks, control, newton, progress
 from jaxmyo.lagrangian import Inputs
 from jaxmyo.linear import At
 from jaxmyo.newton import Linear, Settings
@@ -25,7 +25,8 @@ class Solution(NamedTuple):
     z: unknowns; inputs: the inputs that z belongs to; reached: fraction of the load; residual: relative residual;
     force_residual [mN], constraint_residual [–]; status: see `Status`; steps, rejected, iterations: counts;
     history: relative residuals of the last Newton loop, 0 beyond its end;
-    negative, zero: eigenvalue counts, see `linear.inertia`; −1 where nothing was solved.
+    negative, zero: eigenvalue counts, see `linear.Dense.inertia`; −1 where nothing was solved;
+    work: of a sparse solve, its counts and seconds.
     """
 
     z: Array
@@ -41,6 +42,7 @@ class Solution(NamedTuple):
     history: Array
     negative: Array
     zero: Array
+    work: dict[str, Array]
 
 
 class _Path(NamedTuple):
@@ -108,8 +110,12 @@ def follow(
 
     moves = _differ(start, end)  # else the start, corrected, is the end
 
+    traced = checks.is_traced(z)
+    watch = progress.Watch(settings.time_limit, settings.progress)
+
     def keep_going(path: _Path) -> Array:
-        return (path.t < 1.0) & (path.steps < settings.max_steps) & (path.dt >= settings.min_step) & valid
+        further = (path.t < 1.0) & (path.steps < settings.max_steps) & (path.dt >= settings.min_step) & valid
+        return further & (traced or not watch.is_over)
 
     def step(path: _Path) -> _Path:
         at_start, first_step = path.t < 0.0, path.t <= 0.0
@@ -130,6 +136,9 @@ def follow(
         sign = control.choose(known, lambda: found.factors.sign, lambda: path.sign)
         passed = (sign != path.sign) & (aimed > 0.05 * settings.move)
         good = known & (~passed | at_start)
+        if not traced:
+            status = Status(int(found.status)).name if good or not found.status else "BRANCH_LEFT"
+            watch.step(path.steps + 1, t if good else path.t, status, found.at.residual, found.iteration)
         spent = path._replace(
             steps=path.steps + 1,
             iterations=path.iterations + xp.maximum(found.iteration, 0),  # −1: the guess itself was refused
@@ -178,10 +187,12 @@ def follow(
         rejected=none,
         iterations=none,
     )
-    last = control.loop(keep_going, step, newton.batched_as(valid, first))
+    with watch:
+        last = control.loop(keep_going, step, newton.batched_as(valid, first))
     reached = fraction(xp.maximum(last.t, 0.0))
     negative, zeros = lin.inertia(last.at, last.z)
-    status = xp.where(last.t >= 1.0, Status.CONVERGED, last.reason)
+    over = Status.TIME_LIMIT if not traced and watch.is_over else last.reason
+    status = xp.where(last.t >= 1.0, Status.CONVERGED, over)
     return Solution(
         z=last.z,
         inputs=between(start, end, reached),
@@ -196,4 +207,5 @@ def follow(
         history=last.history,
         negative=xp.where(valid, negative, -1),
         zero=xp.where(valid, zeros, -1),
+        work=lin.work,
     )

@@ -119,7 +119,7 @@ def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.nd
     dN = np.einsum("gaj,egji->egai", dxi, np.linalg.inv(jacobian))
     weight = np.linalg.det(jacobian) * w[None]
     theta = np.einsum("ga,eai->egi", N, mesh.points[mesh.cells])
-    g = evaluate(jax.vmap(coordinates.g), theta)
+    g = evaluate(jax.vmap(coordinates.g), theta) if coordinates.curved else np.ones_like(theta)
     weight, dN = weight * np.prod(g, axis=-1), dN / g[:, :, None, :]
     columns, gradient, unknowns = (None, None, None) if large else _columns(mesh, coordinates, ties, N, dN, theta, g)
     n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import Array
 
-from jaxmyo import lagrangian
+from jaxmyo import checks, lagrangian
 from jaxmyo.lagrangian import Inputs, System
 
 EPS = 2.2e-16  # float64
@@ -132,7 +132,9 @@ class Dense:
     metric: Array
 
     xp = jnp
-    noise = 1e-13  # strain that round-off makes of a correction
+    name = "dense LU"
+    inexact = 0.0  # whether the linear systems are solved to the accuracy asked for only
+    work: ClassVar[dict[str, Array]] = {}
 
     @classmethod
     def of(cls, system: System) -> "Dense":
@@ -145,13 +147,16 @@ class Dense:
 
     def at(self, z: Array, inputs: Inputs) -> At:
         """The residual (n,) and the tangent (n, n) at z."""
+        return self._at(z, inputs) if checks.is_traced(z) else _at(self, z, inputs)
+
+    def _at(self, z: Array, inputs: Inputs) -> At:
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
         r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(self.system, z, inputs))
         J = lagrangian.volume_ratios(self.system, self.system.displacements(z, inputs))
         at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], jnp.min(J), K)
         return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
 
-    def factorise(self, at: At, mu: Array) -> Factors:
+    def factorise(self, at: At, mu: Array, last: Array) -> Factors:
         """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
         return Factors(*jsl.lu_factor(at.K + mu * self.metric))
 
@@ -190,3 +195,8 @@ class Dense:
         eigenvalues = jnp.linalg.eigvalsh(s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :])
         zero = jnp.abs(eigenvalues) <= 1e-12 * size
         return jnp.sum(~zero & (eigenvalues < 0.0)) - (size - n_u), jnp.sum(zero)
+
+
+@jax.jit
+def _at(dense: Dense, z: Array, inputs: Inputs) -> At:
+    return dense._at(z, inputs)

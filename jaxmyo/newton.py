@@ -15,13 +15,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import checks, control
+from jaxmyo import checks, control, progress
 from jaxmyo.lagrangian import Inputs
-from jaxmyo.linear import At, Dense
-from jaxmyo.sparse import Sparse
+from jaxmyo.linear import At
 from jaxmyo.status import Status
 
-Linear = Dense | Sparse
+#: The linear algebra of a system: `Dense` inside JAX, `Sparse` outside.
+Linear = Any
 
 T = TypeVar("T")
 
@@ -33,7 +33,9 @@ class Settings(NamedTuple):
     what round-off leaves where that is more (displacements of many element sizes);
     path_tolerance: the same for the states on the way; max_iterations: Newton iterations per load step;
     max_steps: load steps, rejected ones included; move: largest root-mean-square strain per load step that is aimed at;
-    min_step: smallest load step, as a fraction of the load.
+    min_step: smallest load step, as a fraction of the load;
+    time_limit: seconds after which a solve ends with the state that it has, None for no limit; progress: show a bar
+    (tqdm). Both, and the lines that the logger "jaxmyo" writes at level INFO, are for solves outside of `jit` and `vmap`.
     """
 
     tolerance: float = 1e-13
@@ -42,13 +44,16 @@ class Settings(NamedTuple):
     max_steps: int = 200
     move: float = 0.3
     min_step: float = 1e-8
+    time_limit: float | None = None
+    progress: bool = False
 
 
 class Iterate(NamedTuple):
     """Newton's iterate: the unknowns, and what is known there.
 
     z: unknowns; at: the linearised system there; factors: of its tangent; delta: the Newton correction from z; size:
-    its root-mean-square strain, an estimate of the error of z; alpha: the length of the next trial along delta;
+    its root-mean-square strain, an estimate of the error of z; blur: the strain that round-off and an inexact solve may leave
+    in it; alpha: the length of the next trial along delta;
     iteration: number of corrections made; status; history: (max_iterations + 1,) relative residuals, 0 beyond the last
     iteration.
     """
@@ -58,6 +63,7 @@ class Iterate(NamedTuple):
     factors: Any
     delta: Array
     size: Array
+    blur: Array
     alpha: Array
     iteration: Array
     status: Array
@@ -114,14 +120,19 @@ def solve(
         simplified, _ = lin.strain_of(guess)
         # A NaN compares as false; round-off may keep a tiny correction from shrinking.
         shrink = xp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
-        taken = admissible & (begin | (simplified <= shrink * s.size + lin.noise))
+        taken = admissible & (begin | (simplified <= shrink * s.size + s.blur))
+        if not checks.is_traced(z):
+            progress.iteration(s.iteration + 1, at, s.alpha, simplified, bool(taken))
 
         def further() -> Iterate:
-            factors = lin.factorise(at, 0.1 * at.stress + stiffening * at.modulus)
+            factors = lin.factorise(at, 0.1 * at.stress + stiffening * at.modulus, s.size <= 0.03)
             # As exact as Newton's method can use; where it has arrived, the correction only tells the error.
-            accuracy = xp.where(at.residual <= at.noise.clip(tolerance), 0.1, xp.clip(0.1 * at.residual, 1e-9, 1e-3))
+            limit = at.noise.clip(tolerance)
+            useful = xp.maximum(0.1 * at.residual, 0.1 * limit / xp.maximum(at.residual, limit))
+            accuracy = xp.where(at.residual <= limit, 0.1, xp.clip(useful, 1e-9, 1e-3))
             delta = -factors.solve(at.r, accuracy, guess)
             size, largest = lin.strain_of(delta)
+            with_stress = size + xp.max(xp.abs(delta[lin.system.n_u :]), initial=0.0) / at.modulus
             iteration = s.iteration + 1
             return Iterate(
                 z=z,
@@ -129,6 +140,7 @@ def solve(
                 factors=factors,
                 delta=delta,
                 size=size,
+                blur=1e-13 + lin.inexact * accuracy * with_stress,
                 alpha=xp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
                 iteration=iteration,
                 status=xp.where(xp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
@@ -149,6 +161,7 @@ def solve(
         factors=factors,
         delta=xp.zeros_like(z),
         size=infinite,
+        blur=0.0 * one,
         alpha=one,
         iteration=xp.array(-1),
         status=xp.array(Status.CONVERGED),

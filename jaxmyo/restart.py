@@ -40,10 +40,10 @@ def save_state(path: str | Path, state: State) -> Path:
         raise TypeError(f"state must be a State; got {state!r}")
     if checks.is_traced(state):
         raise TypeError("state is traced: save it outside of jit, vmap and grad")
-    if not checks.same_structure(state.inputs.constants, state.scene.constants):
+    if not checks.same_structure(state.inputs.constants, state.scene.constants_of_kinds()):
         raise ValueError(
             f"constants = {state.inputs.constants} of the state are of another structure than those of its scene, "
-            f"{state.scene.constants}: a file has no name for them. Build the scene with these constants"
+            f"{state.scene.constants_of_kinds()}: a file has no name for them. Build the scene with these constants"
         )
     arrays: dict[str, NDArray[Any]] = {}
     content = _pack(_content(state), "", arrays)
@@ -67,7 +67,7 @@ def load_state(path: str | Path, scene: Scene) -> State:
     if differ := [part for part, value in own.items() if value != of_file.get(part)]:
         raise ValueError(f"scene is not the one of the state in {path}; they differ in: {', '.join(differ)}")
     content = _unpack(header["state"], arrays)
-    constants = jax.tree.unflatten(jax.tree.structure(scene.constants), content["inputs"].pop("constants"))
+    constants = jax.tree.unflatten(jax.tree.structure(scene.constants_of_kinds()), content["inputs"].pop("constants"))
     return State(
         scene=scene,
         system=_system(scene, **content["system"]),
@@ -93,17 +93,25 @@ def _content(state: State) -> dict[str, Any]:
             "scale": system.tie_scale[first],
             "surfaces": {kind: quads[first] for kind, quads in system.surfaces.items()},
             "batch": batch,
+            "large": not system.is_small,
         },
     }
 
 
 def _system(
-    scene: Scene, weave: bool, n_u: int, index: Any, scale: Any, surfaces: dict[str, Any], batch: tuple[int, ...]
+    scene: Scene,
+    weave: bool,
+    n_u: int,
+    index: Any,
+    scale: Any,
+    surfaces: dict[str, Any],
+    batch: tuple[int, ...],
+    large: bool,
 ) -> System:
     """The discrete problem, as `contract` and `load` build it."""
     ties = Ties(np.asarray(index), np.asarray(scale), jnp.zeros(scale.shape), n_u)  # inputs.offset has the offset
     quads = {kind: np.asarray(q) for kind, q in surfaces.items()}
-    system = jax.tree.map(jnp.asarray, lagrangian.build(scene, ties, weave=weave, surfaces=quads))
+    system = jax.tree.map(jnp.asarray, lagrangian.build(scene, ties, weave=weave, surfaces=quads, large=large))
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), system) if batch else system
 
 

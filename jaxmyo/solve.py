@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, constraints, continuation, lagrangian, surface
+from jaxmyo import checks, constraints, continuation, lagrangian, progress, surface
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
@@ -212,10 +212,15 @@ def follow(
     system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
 ) -> continuation.Solution:
     """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors."""
-    if system.is_small:
+    stepwise = settings.time_limit is not None or settings.progress
+    if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
+        if stepwise:
+            raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
         return _follow(system, z, start, end, valid, from_rest, settings=settings)
-    found = continuation.follow(Sparse.of(system), np.array(z), start, end, np.asarray(valid), from_rest, settings)
-    return jax.tree.map(jnp.asarray, found)
+    if system.is_small:
+        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+    lin, host = Sparse.of(system), (np.array(z), start, end, np.asarray(valid), np.asarray(from_rest))
+    return jax.tree.map(jnp.asarray, continuation.follow(lin, *host, settings))
 
 
 def _solve(
@@ -260,4 +265,6 @@ def as_state(scene: Scene, system: System, s: continuation.Solution, conditions:
         iterations=s.iterations,
         negative_eigenvalues=s.negative,
         zero_eigenvalues=s.zero,
+        work=s.work,
+        solver=Dense.name if system.is_small else Sparse.of(system).factors.name,
     )

@@ -10,6 +10,9 @@ preconditioner of the next Newton steps, as long as that takes few iterations; t
 of the saddle system. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
 """
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gcrotmk
+from threadpoolctl import ThreadpoolController
 
 from jaxmyo import factor, linear
 from jaxmyo.assembly import Assembly
@@ -26,20 +30,23 @@ from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
 
 AUGMENTATION = 1e4  # γ over the stiffness of the body
-FEW = 8  # Krylov iterations with factors of an earlier tangent
+FEW = 20  # Krylov iterations with factors of an earlier tangent
 MANY = 60  # and with its own
+NEAR = 2e-3  # strain between two states whose tangents have one inertia [–]
+_BLAS = ThreadpoolController().select(internal_api="openblas")
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """The saddle matrix at one state.
+    """The saddle matrix at one state z.
 
     data: (nnz,) upper triangle of A + BᵀWB; loads: (n_u, n_u) derivative of the loads, which A leaves out, or None;
     B: (n_m, n_u); D, W: (n_m,); diagonal: (n_u,) of A less the loads.
     """
 
+    z: Floats
     data: Floats
     loads: sp.csr_matrix | None
     B: sp.csr_matrix
@@ -52,7 +59,7 @@ class Sparse:
     """The linear algebra of one system with sparse matrices. Not for use inside JAX's transformations."""
 
     xp = np
-    noise = 1e-5  # strain that the accuracy of the inner solves leaves of a correction
+    inexact = 1.0
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -85,8 +92,10 @@ class Sparse:
         self._volume = self.scale.volume[n_u:]
         self._gamma = AUGMENTATION
         self.factors = factor.solver(self.pattern)
-        self._factored: tuple[Tangent, float] | None = None
-        self.counts = {"assemblies": 0, "factorisations": 0, "inner solves": 0, "inner iterations": 0}
+        self._factored: Tangent | None = None
+        self._stiffened = False
+        self._counts = dict.fromkeys(("assemblies", "factorisations", "inner solves", "inner iterations"), 0)
+        self._seconds = dict.fromkeys(("assembly", "factorisation", "inner solves"), 0.0)
 
     @classmethod
     def of(cls, system: System) -> "Sparse":
@@ -122,9 +131,27 @@ class Sparse:
         unit[:n_u] = np.sqrt(volume[:n_u] / diagonal)
         return Scales(unit, volume)  # type: ignore[arg-type]
 
+    @property
+    def work(self) -> dict[str, Any]:
+        """The counts and the seconds since the last time it was asked for."""
+        work = {k: np.float64(v) for k, v in self._counts.items()}
+        work |= {f"{k} [s]": np.float64(v) for k, v in self._seconds.items()}
+        self._counts, self._seconds = dict.fromkeys(self._counts, 0), dict.fromkeys(self._seconds, 0.0)
+        return work
+
+    @contextmanager
+    def _timed(self, part: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self._seconds[part] += time.perf_counter() - begin
+
     def at(self, z: Floats, inputs: Inputs) -> At:
         """The residual (n,) and the tangent at z."""
-        self.counts["assemblies"] += 1
+        self._counts["assemblies"] += 1
+        with self._timed("assembly"):
+            return self._assembled(z, inputs)
+
+    def _assembled(self, z: Floats, inputs: Inputs) -> At:
         s, a, n_u = self.system, self.assembly, self.system.n_u
         u = self._displacements(z, inputs)
         r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
@@ -154,8 +181,8 @@ class Sparse:
             forces, loads = a.loads(u, inputs)
             r -= forces
             diagonal = diagonal - loads.diagonal()
-        K = Tangent(data, loads, coupling, D, W, diagonal)
-        return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)  # type: ignore[arg-type]
+        K = Tangent(z, data, loads, coupling, D, W, diagonal)
+        return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)
 
     def _displacements(self, z: Floats, inputs: Inputs) -> Floats:
         full = np.asarray(inputs.offset) + self.assembly.tie_scale * z[self.assembly.tie_index]
@@ -172,9 +199,12 @@ class Sparse:
         rate = -factors.solve(self.assembly.rates(u, du, z, inputs, by_t), 1e-4)
         return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, by_t))
 
-    def factorise(self, at: At, mu: Any) -> "Factors":
-        """The system K + μ·metric, to be solved; nothing is factorised before it is needed."""
-        return Factors(self, at.K, float(mu))
+    def factorise(self, at: At, mu: Any, last: Any) -> "Factors":
+        """The system K + μ·metric, to be solved; nothing is factorised before it is needed.
+
+        last: the state is all but found, so that its own factors serve the rest of the way, and its inertia.
+        """
+        return Factors(self, at.K, float(mu), bool(last))
 
     def nothing(self) -> tuple[None, None]:
         """A tangent and factors to begin a loop with."""
@@ -187,28 +217,55 @@ class Sparse:
         """
         if at.K is None:
             return np.array(-1), np.array(-1)
-        negative, perturbed = self.factorised(at.K, 0.0).inertia
+        negative, perturbed = self.near(at.K).inertia
         return np.array(negative), np.array(perturbed)
 
-    def factorised(self, K: Tangent, mu: float) -> factor.Solver:
-        """The factors of exactly this matrix."""
-        if self._factored is None or self._factored[0] is not K or self._factored[1] != mu:
-            self.counts["factorisations"] += 1
-            data = K.data + mu * self._metric
-            if K.loads is not None:
-                sym = (-0.5 * (K.loads + K.loads.T)).tocoo()
-                upper = sym.row <= sym.col
-                np.add.at(data, self.pattern.find(sym.row[upper], sym.col[upper]), sym.data[upper])
-            self.factors.factorise(data)
-            self._factored = (K, mu)
-            # The next tangents are augmented in proportion to the stiffness that this one has.
-            weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
-            self._gamma = AUGMENTATION * float(np.max(np.abs(K.diagonal) * weigh))
+    def near(self, K: Tangent) -> factor.Solver:
+        """Factors that have the inertia of K: its own, or those of a state that is the same but for a small strain."""
+        if self._factored is None or self._stiffened or not self._is_near(K):
+            self._factorise(K, 0.0)
         return self.factors
 
-    def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> Floats:
+    def _is_near(self, K: Tangent) -> bool:
+        assert self._factored is not None
+        return self._factored is K or bool(self.strain_of(self._factored.z - K.z)[0] <= NEAR)
+
+    def _factorise(self, K: Tangent, mu: float) -> None:
+        """Factors of K, or of K + μ·metric where K is singular."""
+        self._counts["factorisations"] += 1
+        with self._timed("factorisation"):
+            self.factors.factorise(self._symmetric(K, 0.0))
+            self._stiffened = mu > 0.0 and self.factors.inertia[1] > 0
+            if self._stiffened:
+                self.factors.factorise(self._symmetric(K, mu))
+        self._factored = K
+        # The next tangents are augmented in proportion to the stiffness that this one has.
+        weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
+        self._gamma = AUGMENTATION * float(np.max(np.abs(K.diagonal) * weigh))
+
+    def _symmetric(self, K: Tangent, mu: float) -> Floats:
+        """The upper triangle (nnz,) of the symmetric part of A + BᵀWB + μ·metric, loads included."""
+        data = K.data + mu * self._metric
+        if K.loads is not None:
+            of_loads = (-0.5 * (K.loads + K.loads.T)).tocoo()
+            upper = of_loads.row <= of_loads.col
+            np.add.at(data, self.pattern.find(of_loads.row[upper], of_loads.col[upper]), of_loads.data[upper])
+        return data
+
+    def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None, last: bool) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
-        n_u = self.system.n_u
+        if self._factored is None or (last and not self._is_near(K)):
+            self._factorise(K, mu)
+        x, reached = self._krylov(K, mu, b, accuracy, guess)
+        if not reached and self._factored is not K:
+            self._factorise(K, mu)
+            x, reached = self._krylov(K, mu, b, accuracy, x)
+        return x if reached else np.full(b.shape, np.nan)
+
+    def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, bool]:
+        """x, and whether it is the solution to that accuracy; preconditioned by the factors that are there."""
+        assert self._factored is not None
+        n_u, M = self.system.n_u, self._factored
         upper = self.pattern.matrix(K.data + mu * self._metric)
         lower, diagonal = upper.T, upper.diagonal()
 
@@ -220,38 +277,17 @@ class Sparse:
                 forces -= K.loads @ u
             return np.concatenate([forces, Bu + K.D * m])
 
-        if self._factored is None:
-            self.factorised(K, mu)
-        size = (len(b), len(b))
-        for _ in range(2):
-            assert self._factored is not None
-            M, M_mu = self._factored
-            own = M is K and M_mu == mu
+        def precondition(x: Floats) -> Floats:
+            self._counts["inner iterations"] += 1
+            u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * x[n_u:]))
+            return np.concatenate([u, M.W * (M.B @ u - x[n_u:])])
 
-            def precondition(x: Floats, M: Tangent = M) -> Floats:
-                self.counts["inner iterations"] += 1
-                u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * x[n_u:]))
-                return np.concatenate([u, M.W * (M.B @ u - x[n_u:])])
-
-            x, _ = gcrotmk(
-                LinearOperator(size, apply, dtype=float),
-                b,
-                x0=guess,
-                rtol=accuracy,
-                atol=0.0,
-                maxiter=1,
-                m=MANY if own else FEW,
-                k=0,
-                M=LinearOperator(size, precondition, dtype=float),
-            )
-            self.counts["inner solves"] += 1
-            if np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b):
-                return x
-            if own:
-                return np.full(b.shape, np.nan)
-            self.factorised(K, mu)
-            guess = x
-        raise AssertionError
+        self._counts["inner solves"] += 1
+        with self._timed("inner solves"), _BLAS.limit(limits=1):  # its threads only wait for each other here
+            A, P = (LinearOperator((len(b), len(b)), f, dtype=float) for f in (apply, precondition))
+            count = MANY if M is K else FEW
+            x, _ = gcrotmk(A, b, x0=guess, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
+            return x, bool(np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b))
 
 
 _last: Sparse | None = None
@@ -271,13 +307,14 @@ class Factors:
     of: Sparse
     K: Tangent
     mu: float
+    last: bool
 
     def solve(self, b: Floats, accuracy: Any, guess: Floats | None = None) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
-        return self.of.solve(self.K, self.mu, b, float(accuracy), guess)
+        return self.of.solve(self.K, self.mu, b, float(accuracy), guess, self.last)
 
     @property
     def sign(self) -> Any:
         """The sign of the determinant, up to that of the multipliers' block, ±1."""
-        negative, _ = self.of.factorised(self.K, 0.0).inertia
+        negative, _ = self.of.near(self.K).inertia
         return np.array(1.0 if negative % 2 == 0 else -1.0)

@@ -48,7 +48,9 @@ class State:
     the fields stand (1 if converged); residual: relative; force_residual [mN, mN·mm]; constraint_residual [–]; history:
     relative residuals of the last Newton loop, 0 beyond its end; steps, rejected, iterations: counts;
     negative_eigenvalues: of the second variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of
-    the saddle matrix, > 0 where a mode has no stiffness; both −1 where an invalid input kept the solve from starting.
+    the saddle matrix, > 0 where a mode has no stiffness; both −1 where an invalid input kept the solve from starting;
+    solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the seconds
+    of its parts.
     """
 
     scene: Scene = field(metadata={"static": True})
@@ -69,6 +71,8 @@ class State:
     iterations: Array
     negative_eigenvalues: Array
     zero_eigenvalues: Array
+    work: dict[str, Array]
+    solver: str = field(metadata={"static": True})
 
     @property
     def converged(self) -> Array:

@@ -16,6 +16,7 @@ class Status(IntEnum):
     SINGULAR = 4
     BRANCH_LEFT = 5
     TOO_MANY_STEPS = 6
+    TIME_LIMIT = 7
 
 
 _MEANING = {
@@ -46,6 +47,7 @@ _MEANING = {
         "the path used up its steps; the load is far beyond what the steps could reach. Try a smaller load, or more "
         "steps (settings.max_steps)"
     ),
+    Status.TIME_LIMIT: "the time limit passed (settings.time_limit). Go on from this state, or allow more time",
 }
 
 
