@@ -21,6 +21,7 @@ from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_sphe
 from jaxmyo.cycle import Cycle, cycle
 from jaxmyo.energies import lin_yin
 from jaxmyo.mesh import Mesh, box, structured
+from jaxmyo.mesh_io import read_mesh, write_mesh
 from jaxmyo.newton import Settings
 from jaxmyo.patches import blocks, columns
 from jaxmyo.scene import Scene
@@ -65,7 +66,9 @@ __all__ = [
     "load",
     "prolate_spheroidal",
     "radial_tube",
+    "read_mesh",
     "structured",
     "thin_sample",
     "tube_sector",
+    "write_mesh",
 ]
