@@ -19,6 +19,7 @@ from jaxmyo.conditions import (
 from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
+from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
 from jaxmyo.energies import lin_yin
 from jaxmyo.mesh import Mesh, box, structured
 from jaxmyo.mesh_io import read_mesh, write_mesh
@@ -56,19 +57,23 @@ __all__ = [
     "Symmetry",
     "Traction",
     "Uniform",
+    "Ventricle",
     "axisymmetric_tube",
     "blocks",
     "box",
     "columns",
     "contract",
     "cycle",
+    "helix_fibres",
     "lin_yin",
     "load",
+    "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
     "read_mesh",
     "structured",
     "thin_sample",
     "tube_sector",
+    "ventricle_mesh",
     "write_mesh",
 ]

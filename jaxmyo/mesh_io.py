@@ -52,6 +52,8 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> Mesh:
         mesh = _mesh(module.read(path), factor)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    except KeyError as error:
+        raise ValueError(f"{path}: refers to {error}, which the file does not define") from error
     largest = float(mesh.extent.max())
     if not EXTENT[0] <= largest <= EXTENT[1]:
         unit, to_mm = ("metres", 1000) if largest < EXTENT[0] else ("micrometres", 0.001)

@@ -190,6 +190,16 @@ def test_files_that_are_refused(points: Any, cells: Any, parts: tuple[str, ...],
         jm.read_mesh(path)
 
 
+@pytest.mark.parametrize("text", ["", "no mesh", "<VTKFile></VTKFile>"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_files_that_hold_no_mesh(suffix: str, text: str, tmp_path: Path) -> None:
+    needs(suffix)
+    path = tmp_path / f"bad{suffix}"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"bad{suffix}: "):
+        jm.read_mesh(path)
+
+
 def test_faces_inside_are_refused(tmp_path: Path) -> None:
     cells = [("hexahedron", TWO.cells), ("quad", np.array([[4, 5, 7, 6], *TWO.face("x0")]))]
     path = raw(tmp_path / "bad.vtu", TWO.points, cells, cell_data={"face:lid": [np.zeros(2, int), np.ones(2, int)]})
@@ -308,6 +318,9 @@ def test_abaqus_quads(tmp_path: Path) -> None:
         ("*Node\n10, 0, 0, 0\n", ("1 node label", "twice")),
         ("*Include, input=b.inp\n", ("*INCLUDE", "not supported")),
         ("*Element, type=C3D8\n9, 10, 20\n", ("element 9", "2 nodes, not 8")),
+        ("*Surface, name=lid\nnone, S1\n", ("'NONE'", "does not define")),
+        ("*Element, type=S4\n9, 10, 20, 30, 999\n", ("999", "does not define")),
+        ("*Elset, elset=a\n77\n", ("77", "does not define")),
     ],
 )
 def test_abaqus_files_that_are_refused(card: str, parts: tuple[str, ...], tmp_path: Path) -> None:
@@ -420,6 +433,21 @@ def test_gmsh_reads_what_is_written(tmp_path: Path, session: Any) -> None:
         assert sorted(nodes.tolist()) == sorted(there.tolist())
     views = [session.view.getModelData(tag, 0) for tag in session.view.getTags()]
     assert sorted(kind for kind, *_ in views) == ["ElementData"] * 3 + ["NodeData"] * 2
+
+
+def test_values_for_some_elements_only(tmp_path: Path) -> None:
+    """By their labels, whatever their order; a view of the quads alone is no field of the hexahedra."""
+    mesh = jm.Mesh(TWO.points, TWO.cells, {"lid": TWO.face("z1")}, fields={"T": np.array([5.0, 6.0])})
+    path = jm.write_mesh(tmp_path / "a.msh", mesh)
+    text = path.read_text()
+    view = text[text.index("$ElementData") :]
+    other = view.replace('"T"', '"quads"').replace("\n1 5.0\n2 6.0\n", "\n3 5.0\n4 6.0\n")
+    some = view.replace("\n2\n1 5.0\n2 6.0\n", "\n3\n4 1.0\n3 2.0\n2 7.0\n")
+    path.write_text(text.replace(view, some) + other)
+    assert "quads" in path.read_text()
+    fields = jm.read_mesh(path).fields
+    assert set(fields) == {"T"}
+    np.testing.assert_array_equal(fields["T"], [np.nan, 7.0])
 
 
 def test_msh_of_another_version(tmp_path: Path) -> None:

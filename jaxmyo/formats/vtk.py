@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,11 @@ from jaxmyo.mesh import Mesh
 
 def read(path: Path) -> Content:
     """The only grid of the file."""
-    raw = _meshio(path).read(path)
+    meshio = _meshio(path)
+    try:
+        raw = meshio.read(path)
+    except (SystemExit, meshio.ReadError, ParseError) as error:  # meshio leaves the program where it finds no mesh
+        raise ValueError(f"meshio cannot read this file: {error}") from error
     content = Content(np.asarray(raw.points, dtype=np.float64), {})
     for block in raw.cells:
         before = [content.cells[block.type]] if block.type in content.cells else []
