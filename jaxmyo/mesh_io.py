@@ -17,7 +17,7 @@ from jaxmyo.mesh import Mesh, boundary
 FORMATS = {".vtu": vtk, ".xdmf": vtk, ".msh": gmsh, ".inp": abaqus}
 #: The largest extent of a body is between these [mm], or there is a warning.
 EXTENT = (0.5, 1000.0)
-#: Cells that a file may have; vertices and lines are ignored.
+#: Cells that a file may have.
 _CELLS = ("hexahedron", "quad", "line", "vertex")
 
 
@@ -26,14 +26,15 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> Mesh:
 
     scale: what a length in the file is in mm, e.g. 1000 for a file in metres.
 
-    Points and elements keep the order of the file. Points that belong to no cell of any type, such as the centres of
-    arcs, are dropped; one of another cell only is an error. Fields on nodes and hexahedra are read, NaN where a file
-    has no value; vectors are not scaled. Where names of faces and regions come from, by format:
+    Points and elements keep the order of the file. Vertices and lines are ignored, and points that belong to no
+    hexahedron and no quad, such as the centres of arcs, are dropped; one of a quad only is an error. Fields on nodes
+    and hexahedra are read, NaN where a file has no value; vectors are not scaled.
+    Where the names of faces and regions come from, by format:
 
     .msh: physical surfaces and physical volumes (their number, if they have no name).
-    .inp: faces from *SURFACE and from *ELSET of quads; regions from the sets of *SOLID SECTION, or every *ELSET of
-    hexahedra if there is none; without quads also every *NSET: the boundary quads all of whose nodes are in it.
-    .vtu, .xdmf: integer data of the cells, quads beside the hexahedra, see `jaxmyo.formats.vtk`.
+    .inp: faces from *SURFACE and from sets of quads; without quads also every *NSET, the boundary quads all of whose
+    nodes are in it; regions from sets of hexahedra, those of *SOLID SECTION, else of *ELSET, else of *ELEMENT.
+    .vtu, .xdmf: integer data of the cells, quads beside the hexahedra, or data of the nodes, see `jaxmyo.formats.vtk`.
 
     Quads are turned to be counter-clockwise seen from outside. Regions must be a partition of the elements, or none.
 
@@ -111,12 +112,11 @@ def _mesh(content: Content, scale: float) -> Mesh:
     own = np.unique(hexahedra)
     if (twice := len(hexahedra) - len(np.unique(np.sort(hexahedra, axis=1), axis=0))) > 0:
         raise ValueError(f"{twice} hexahedra occur twice, perhaps once for each of several groups that overlap")
-    for kind, nodes in cells.items():
-        if (stray := np.setdiff1d(nodes, own)).size:
-            raise ValueError(
-                f"{stray.size} node(s) belong to no hexahedron, but to cells of type {kind}, the first is node "
-                f"{stray[0]} (from 0) at {content.points[stray[0]]}; remove these cells"
-            )
+    if (stray := np.setdiff1d(cells.get("quad", []), own)).size:
+        raise ValueError(
+            f"{stray.size} node(s) belong to a quad but to no hexahedron, the first is node {stray[0]} (from 0) at "
+            f"{content.points[stray[0]]}; remove these quads"
+        )
     points = content.points[own]
     if not (finite := np.isfinite(points).all(axis=1)).all():
         k = own[np.argmin(finite)]

@@ -135,13 +135,25 @@ def test_quads_are_turned_outward(tmp_path: Path) -> None:
     assert set(found.regions) == {"2"}
 
 
-def test_points_of_no_cell_are_dropped(tmp_path: Path) -> None:
+def test_faces_from_nodes(tmp_path: Path) -> None:
+    """All boundary quads whose nodes are in the set; only where a file has no quads."""
+    mesh = jm.box((2.0, 1.0, 1.0), (2, 1, 1))
+    sets = {"lid": mesh.points[:, 2] == 1.0, "edge": (mesh.points[:, :2] == 0.0).all(axis=1)}
+    nodes = {f"face:{name}": there.astype(int) for name, there in sets.items()}
+    found = jm.read_mesh(raw(tmp_path / "a.vtu", mesh.points, [("hexahedron", mesh.cells)], point_data=nodes))
+    assert set(found.faces) == {"lid"}
+    assert canonical(found.face("lid")) == canonical(mesh.face("z1"))
+    cells = [("hexahedron", mesh.cells), ("quad", mesh.face("x0"))]
+    assert not jm.read_mesh(raw(tmp_path / "a.vtu", mesh.points, cells, point_data=nodes)).faces
+
+
+def test_points_of_no_hexahedron_are_dropped(tmp_path: Path) -> None:
     """Where gmsh stores the centres of arcs; fields and faces keep their nodes."""
     mesh = jm.box((1.0, 1.0, 1.0), (2, 1, 1))
     points = np.concatenate([[[np.nan, 0.0, 0.0]], mesh.points[:4], [[9.0, 9.0, 9.0]], mesh.points[4:]])
     place = np.array([1, 2, 3, 4, *range(6, 14)])
-    cells = [("hexahedron", place[mesh.cells]), ("quad", place[mesh.face("x1")])]
-    data = {"face:lid": [np.zeros(2, int), np.ones(1, int)]}
+    cells = [("hexahedron", place[mesh.cells]), ("quad", place[mesh.face("x1")]), ("vertex", np.array([[0]]))]
+    data = {"face:lid": [np.zeros(2, int), np.ones(1, int), np.ones(1, int)]}
     found = jm.read_mesh(
         raw(tmp_path / "a.vtu", points, cells, cell_data=data, point_data={"T": np.arange(len(points), dtype=float)})
     )
@@ -170,7 +182,11 @@ def moved(mesh: jm.Mesh, node: int, to: Any) -> np.ndarray:
         (CUBE.points, [("quad", CUBE.face("x0"))], ("no hexahedra", "1 quad")),
         (CUBE.points, [("hexahedron", CUBE.cells[[0, 0]])], ("1 hexahedra occur twice",)),
         (moved(CUBE, 5, np.nan), [("hexahedron", CUBE.cells)], ("finite", "node 5", "nan")),
-        (TWO.points, [("hexahedron", TWO.cells[:1]), ("quad", TWO.face("x1"))], ("4 node(s)", "quad", "node 8")),
+        (
+            TWO.points,
+            [("hexahedron", TWO.cells[:1]), ("quad", TWO.face("x1"))],
+            ("4 node(s)", "quad", "node 8 (from 0)"),
+        ),
         (
             TWO.points,
             [("hexahedron", TWO.cells[:, [4, 5, 6, 7, 0, 1, 2, 3]])],
@@ -308,6 +324,15 @@ def test_abaqus_quads(tmp_path: Path) -> None:
     assert canonical(mesh.face("end")) == canonical(TWO.face("x1"))
     assert set(mesh.faces) == {"end"}
     assert mesh.regions == {}
+
+
+@pytest.mark.parametrize("sets", [True, False])
+def test_abaqus_regions_of_elements(sets: bool, tmp_path: Path) -> None:
+    """As gmsh writes them: every volume in *ELEMENT, the physical ones in *ELSET."""
+    card = "*Elset, elset=wall\n5, 6\n" if sets else ""
+    path = abaqus(tmp_path, card)
+    path.write_text(path.read_text().replace("type=c3d8rh", "type=C3D8, ELSET=Volume1"))
+    assert list(jm.read_mesh(path).regions) == ["wall" if sets else "Volume1"]
 
 
 @pytest.mark.parametrize(

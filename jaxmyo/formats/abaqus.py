@@ -29,9 +29,10 @@ _Card = tuple[str, dict[str, str], list[list[str]]]
 def read(path: Path) -> Content:
     """The part of an input file.
 
-    Faces: *SURFACE of sides of elements, and *ELSET of quads (S4, M3D4, SFM3D4, ...). Regions: the element sets of the
-    *SOLID SECTIONs, if there are any, else every *ELSET of hexahedra. Node sets: *NSET. Sets that the file marks as
-    internal are used by its surfaces only. Coordinate transforms, assemblies of several parts and *INCLUDE are errors.
+    Faces: *SURFACE of sides of elements, and element sets of quads (S4, M3D4, SFM3D4, ...). Regions: the element sets
+    of the *SOLID SECTIONs; if there are none, every *ELSET of hexahedra; if there is none, the sets of *ELEMENT.
+    Node sets: *NSET. Sets that the file marks as internal are used by its surfaces only.
+    Errors: a ValueError for moved instances, assemblies of several parts, and *INCLUDE.
     """
     cards = _cards(path)
     words = [c[0] for c in cards]
@@ -85,12 +86,15 @@ def read(path: Path) -> Content:
     def numbers(labels: list[int], kind: str) -> NDArray[np.int64]:
         return np.array([place[k][1] for k in labels if place[k][0] == kind], dtype=np.int64)
 
-    sections = {o["ELSET"].upper() for word, o, _ in cards if word == "SOLID SECTION" and "ELSET" in o}
     for s, labels in elements.items():
         if s not in internal and (quads := numbers(labels, "quad")).size:
             content.faces[names[s]] = content.cells["quad"][quads]
-        if s in (sections or elements.keys() - internal) and (hexahedra := numbers(labels, "hexahedron")).size:
-            content.regions[names[s]] = hexahedra
+    for source in ("SOLID SECTION", "ELSET", "ELEMENT"):  # the first one that says anything
+        named = [o["ELSET"].upper() for word, o, _ in cards if word == source and "ELSET" in o]
+        solids = {names[s]: numbers(elements[s], "hexahedron") for s in named if s not in internal}
+        if regions := {name: hexahedra for name, hexahedra in solids.items() if hexahedra.size}:
+            content.regions = regions
+            break
     for word, options, data in cards:
         if word == "SURFACE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
             found = []

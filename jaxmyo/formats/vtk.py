@@ -2,7 +2,7 @@
 
 "face:NAME" is not 0 on the quads of a face, "region:NAME" on the hexahedra of a region. What other programs write is
 read too: numbers in "face" (on quads), "region" (on hexahedra) and "gmsh:physical" (on both) are names, "1", "2", ...;
-0 is none.
+0 is none. Data of the points called "face:NAME" are a set of nodes, which gives a face in a file without quads.
 """
 
 from importlib import import_module
@@ -29,7 +29,11 @@ def read(path: Path) -> Content:
     for block in raw.cells:
         before = [content.cells[block.type]] if block.type in content.cells else []
         content.cells[block.type] = np.concatenate([*before, np.asarray(block.data, dtype=np.int64)])
-    content.node_fields = {name: np.asarray(v, dtype=np.float64) for name, v in raw.point_data.items()}
+    for name, values in raw.point_data.items():
+        if name.startswith("face:"):
+            content.node_sets[name.removeprefix("face:")] = np.flatnonzero(values)
+        else:
+            content.node_fields[name] = np.asarray(values, dtype=np.float64)
     for name, by_type in raw.cell_data_dict.items():
         group, _, own = name.partition(":")
         on_quads, on_hexahedra = by_type.get("quad"), by_type.get("hexahedron")
