@@ -22,23 +22,22 @@ def frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> NDArra
 
     fibre, cross: as of `Scene`, along the local unit vectors of the mesh's coordinates. Vectors at nodes are made
     unit vectors, interpolated by the shape functions, and made unit vectors again; whether they are orthogonal is then
-    judged at the nodes. Errors name the element and the point: vectors that are zero, not finite, or parallel.
+    judged at the nodes. Errors name the element and the point, or the node: vectors that are zero, not finite or
+    parallel.
     """
     f, f_nodes = _directions("fibre", fibre, mesh, xi)
     c, c_nodes = _directions("cross", cross, mesh, xi)
-    nodal = f_nodes is not None and c_nodes is not None
-    off = np.abs(np.arcsin(np.clip(_dot(f_nodes, c_nodes) if nodal else _dot(f, c), -1.0, 1.0)))
-    if (off > ROUNDING).any():
-        at = f"node {np.argmax(off)}" if nodal else "element {}, point {}".format(*_first(off == off.max()))
-        angle = np.degrees(off.max())
-        message = f"fibre and cross are not orthogonal, {angle:.3g}° off at most ({at}); cross is made normal to fibre"
-        if angle < 89.9:  # parallel ones are an error, below
-            warnings.warn(message, UserWarning, stacklevel=4)
     normal = c - _dot(f, c)[..., None] * f
     length = np.linalg.norm(normal, axis=-1)
     if (length < ROUNDING).any():
         e, g = _first(length < ROUNDING)
         raise ValueError(f"fibre and cross are parallel in element {e}, point {g}: {f[e, g]} and {c[e, g]}")
+    nodal = f_nodes is not None and c_nodes is not None
+    off = np.abs(np.arcsin(np.clip(_dot(f_nodes, c_nodes) if nodal else _dot(f, c), -1.0, 1.0)))
+    if (off > ROUNDING).any():
+        place = ("node {}" if nodal else "element {}, point {}").format(*_first(off == off.max()))
+        message = f"{np.degrees(off.max()):.3g}° off at most ({place}); cross is made normal to fibre"
+        warnings.warn(f"fibre and cross are not orthogonal, {message}", UserWarning, stacklevel=4)
     c = normal / length[..., None]
     return np.stack([f, c, np.cross(f, c)], axis=-2)
 
@@ -72,30 +71,28 @@ def _directions(
             f"quadrature point, {full}"
         )
     if array.shape == (n_n, 3):
-        nodes = _unit(name, array[mesh.cells])  # (n_elements, 8, 3): a bad one is named by its element and node
-        return _unit(f"{name}, interpolated,", np.einsum("ga,eai->egi", N, nodes), warn=False), _normalised(array)
-    return _unit(name, np.broadcast_to(array[:, None] if array.ndim == 2 else array, full)), None
+        nodes = _unit(name, array, "node {}")
+        inside = np.einsum("ga,eai->egi", N, nodes[mesh.cells])
+        return _unit(f"{name}, interpolated,", inside, "element {}, point {}", warn=False), nodes
+    full_array = np.broadcast_to(array[:, None] if array.ndim == 2 else array, full)
+    return _unit(name, full_array, "element {}, point {}"), None
 
 
-def _unit(name: str, vectors: NDArray[np.float64], *, warn: bool = True) -> NDArray[np.float64]:
-    """Vectors (n_elements, n_points, 3) of unit length; an error for zero, NaN and infinity."""
+def _unit(name: str, vectors: NDArray[np.float64], place: str, *, warn: bool = True) -> NDArray[np.float64]:
+    """Vectors (..., 3) of unit length; an error for zero, NaN and infinity, which says where."""
     length = np.linalg.norm(vectors, axis=-1)
-    if not (bad := (length > 1e-6) & np.isfinite(length)).all():
-        e, g = _first(~bad)
+    if not (good := (length > 1e-6) & np.isfinite(length)).all():
+        where = _first(~good)
         raise ValueError(
-            f"{name} must be vectors with a direction, finite and not zero; got {vectors[e, g]} in element {e}, "
-            f"point {g}"
+            f"{name} must be vectors with a direction, finite and not zero; got {vectors[where]} in "
+            f"{place.format(*where)}"
         )
     off = np.abs(length - 1.0)
     if warn and (off > ROUNDING).any():
-        e, g = _first(off == off.max())
-        message = f"{name}: vectors are made unit vectors; the length in element {e}, point {g} is {length[e, g]:.6g}"
+        where = _first(off == off.max())
+        message = f"{name}: vectors are made unit vectors; the length in {place.format(*where)} is {length[where]:.6g}"
         warnings.warn(message, UserWarning, stacklevel=6)
     return np.asarray(vectors / length[..., None])
-
-
-def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _dot(a: Any, b: Any) -> NDArray[np.float64]:

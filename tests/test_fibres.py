@@ -147,7 +147,7 @@ def test_vectors_without_a_direction(bad: float) -> None:
         frame(MESH, XI, (1.0, 0.0, 0.0), per_element)
     nodes = np.tile(Y, (12, 1))
     nodes[11] = bad
-    with pytest.raises(ValueError, match=says("cross", "direction", "element 1")):
+    with pytest.raises(ValueError, match=says("cross", "direction", "node 11")):
         frame(MESH, XI, (1.0, 0.0, 0.0), nodes)
 
 
@@ -163,6 +163,14 @@ def test_parallel_vectors() -> None:
     cross[1, 3] = -1.0, 0.0, 1e-9
     with pytest.raises(ValueError, match=says("parallel", "element 1, point 3")):
         frame(MESH, XI, (1.0, 0.0, 0.0), cross)
+
+
+def test_vectors_that_are_parallel_at_one_node() -> None:
+    """Not at the points inside, but that is no orthogonal field."""
+    fibre, cross = np.tile(Y, (12, 1)), np.tile(Z, (12, 1))
+    cross[4] = Y
+    with pytest.warns(UserWarning, match=says("not orthogonal", "90°", "node 4")):
+        frame(MESH, XI, fibre, cross)
 
 
 @pytest.mark.parametrize("value", [object(), [["a", "b", "c"]]], ids=["object", "strings"])
