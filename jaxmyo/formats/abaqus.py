@@ -69,8 +69,10 @@ def read(path: Path) -> Content:
             for row in data:
                 if n and len(row) != n + 1:
                     raise ValueError(f"element {row[0]} of type {options['TYPE']} has {len(row) - 1} nodes, not {n}")
+                if int(row[0]) in place:
+                    raise ValueError(f"the element label {row[0]} occurs twice")
                 place[int(row[0])] = kind, len(own)
-                own.append([number[int(node)] for node in row[1:]])
+                own.append([number[int(node)] for node in row[1 : n + 1]])
             if "ELSET" in options:
                 collect(elements, options["ELSET"], [int(row[0]) for row in data])
         elif word in ("NSET", "ELSET"):
@@ -78,7 +80,7 @@ def read(path: Path) -> Content:
             collect(sets, options[word], _labels(data, "GENERATE" in options, sets))
             if "INTERNAL" in options:
                 internal.add(options[word].upper())
-    content.cells = {t: np.array(c, dtype=np.int64) for t, c in cells.items() if len({len(row) for row in c}) == 1}
+    content.cells = {kind: np.array(own, dtype=np.int64).reshape(len(own), -1) for kind, own in cells.items() if own}
     content.node_sets = {
         names[s]: np.array([number[k] for k in labels]) for s, labels in nodes.items() if s not in internal
     }
@@ -98,7 +100,10 @@ def read(path: Path) -> Content:
     for word, options, data in cards:
         if word == "SURFACE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
             found = []
-            for who, side, *_ in data:
+            for row in data:
+                if len(row) < 2:
+                    raise ValueError(f"surface {options['NAME']!r}: {row[0]} has no side, S1 to S6")
+                who, side = row[:2]
                 labels = [int(who)] if who.isdigit() else elements[who.upper()]
                 if re.fullmatch("S[1-6]", side.upper()):
                     corners = content.cells["hexahedron"][numbers(labels, "hexahedron")]
