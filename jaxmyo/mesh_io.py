@@ -84,6 +84,8 @@ def write_mesh(path: str | Path, mesh: Mesh) -> Path:
         if not name or name != name.strip() or set(name) & set('",\n='):
             raise ValueError(f"the name {name!r} cannot be written: no quotes, commas, = or spaces at its ends")
     for name, values in mesh.fields.items():
+        if name.partition(":")[0] in ("face", "region", "gmsh"):
+            raise ValueError(f"the field {name!r} cannot be written: face, region and gmsh mark what is no field")
         if values.shape[1:] not in ((), (3,), (9,)):
             raise ValueError(f"fields[{name!r}] must have shape (n,), (n, 3) or (n, 9) in a file; got {values.shape}")
     _outward(mesh.cells, mesh.faces)

@@ -100,6 +100,13 @@ def test_names_that_files_do_not_take(name: str, tmp_path: Path) -> None:
         jm.write_mesh(tmp_path / "a.msh", jm.Mesh(mesh.points, mesh.cells, {name: mesh.face("x0")}))
 
 
+@pytest.mark.parametrize("name", ["face", "region:a", "gmsh:physical"])
+def test_fields_that_would_be_read_as_names(name: str, tmp_path: Path) -> None:
+    mesh = jm.Mesh(TWO.points, TWO.cells, fields={name: np.zeros(2)})
+    with pytest.raises(ValueError, match=says(repr(name), "no field")):
+        jm.write_mesh(tmp_path / "a.vtu", mesh)
+
+
 def test_files_are_in_cartesian_coordinates(tmp_path: Path) -> None:
     mesh = jm.structured([[1.0, 2.0], [0.0, 1.0], [0.0, 1.0]], jm.CYLINDRICAL)
     with pytest.raises(ValueError, match=says("cylindrical", "mapped")):

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from jaxmyo.formats import Content, nodal
 from jaxmyo.mesh import Mesh
 
+#: Integer data of cells that number what they mark.
+TAGS = {"face": ("face",), "region": ("region",), "gmsh:physical": ("face", "region")}
+
 
 def read(path: Path) -> Content:
     """The only grid of the file."""
@@ -35,14 +38,16 @@ def read(path: Path) -> Content:
         else:
             content.node_fields[name] = np.asarray(values, dtype=np.float64)
     for name, by_type in raw.cell_data_dict.items():
-        group, _, own = name.partition(":")
         on_quads, on_hexahedra = by_type.get("quad"), by_type.get("hexahedron")
-        if name in ("face", "gmsh:physical") or (group == "face" and own):
-            for face, numbers in _sets(on_quads, "" if name in ("face", "gmsh:physical") else own).items():
+        kind, _, own = name.partition(":")
+        kinds = TAGS.get(name) or ((kind,) if kind in ("face", "region") else ())
+        own = "" if name in TAGS else own
+        if "face" in kinds:
+            for face, numbers in _sets(on_quads, own).items():
                 content.faces[face] = content.cells["quad"][numbers]
-        if name in ("region", "gmsh:physical") or (group == "region" and own):
-            content.regions |= _sets(on_hexahedra, "" if name in ("region", "gmsh:physical") else own)
-        elif group != "face" and name != "gmsh:geometrical" and on_hexahedra is not None:
+        if "region" in kinds:
+            content.regions |= _sets(on_hexahedra, own)
+        if not kinds and name != "gmsh:geometrical" and on_hexahedra is not None:
             content.element_fields[name] = np.asarray(on_hexahedra, dtype=np.float64)
     return content
 
