@@ -19,13 +19,15 @@ from jaxmyo.conditions import (
 from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
+from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
 from jaxmyo.energies import lin_yin
 from jaxmyo.export import write_series, write_vtu
 from jaxmyo.mesh import Mesh, box, structured
+from jaxmyo.mesh_io import read_mesh, write_mesh
 from jaxmyo.newton import Settings
 from jaxmyo.patches import blocks, columns
 from jaxmyo.restart import load_state, save_state
-from jaxmyo.scene import Scene
+from jaxmyo.scene import Material, Scene
 from jaxmyo.scenes import axisymmetric_tube, radial_tube, thin_sample, tube_sector
 from jaxmyo.solve import contract, load
 from jaxmyo.state import State
@@ -43,6 +45,7 @@ __all__ = [
     "Displacement",
     "Homogeneous",
     "LinYin",
+    "Material",
     "Mesh",
     "Planar",
     "Pressure",
@@ -57,21 +60,27 @@ __all__ = [
     "Symmetry",
     "Traction",
     "Uniform",
+    "Ventricle",
     "axisymmetric_tube",
     "blocks",
     "box",
     "columns",
     "contract",
     "cycle",
+    "helix_fibres",
     "lin_yin",
     "load",
     "load_state",
+    "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
+    "read_mesh",
     "save_state",
     "structured",
     "thin_sample",
     "tube_sector",
+    "ventricle_mesh",
+    "write_mesh",
     "write_series",
     "write_vtu",
 ]

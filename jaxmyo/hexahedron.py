@@ -11,6 +11,10 @@ NODES = np.array(
     [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
 )
 
+#: Nodes of the six faces (6, 4), counter-clockwise seen from outside: ζ = −1, ζ = 1, η = −1, ξ = 1, η = 1, ξ = −1
+#: (S1 to S6 of Abaqus).
+QUADS = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+
 
 def gauss(*orders: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gauss–Legendre points (n, d) and weights (n,) on [−1, 1]^d, with so many points in each of the d directions."""

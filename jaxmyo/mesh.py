@@ -1,4 +1,4 @@
-"""Hexahedral meshes with named faces."""
+"""Hexahedral meshes with named faces, regions and fields."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,21 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxmyo import checks
 from jaxmyo.coordinates import CARTESIAN, Coordinates, evaluate
-from jaxmyo.hexahedron import NODES, gauss, shape, shape_gradient
+from jaxmyo.hexahedron import NODES, QUADS, gauss, shape, shape_gradient
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Nodes, hexahedra, and the named faces on which supports and loads act.
+    """Nodes, hexahedra, the named faces on which supports and loads act, named regions and fields.
 
     points: (n_nodes, 3) reference coordinates Θ [the units of `coordinates`: mm, rad]; cells: (n_elements, 8) node
     numbers in VTK order; faces: name → (n_quads, 4) node numbers, counter-clockwise seen from outside;
     coordinates: the system that the points are in; grid: elements along each axis, if the mesh is structured (the last
-    axis runs fastest).
+    axis runs fastest); regions: name → numbers of its elements, none or a partition of the elements; fields: name →
+    data per node (n_nodes, ...) or per element (n_elements, ...), vectors along the local unit vectors.
 
     Errors: a ValueError for wrong shapes, non-finite coordinates, node numbers out of range, nodes that no element
-    uses, and an element that is inverted or has no volume (det J ≤ 0 at a Gauss point or at a corner, a scale factor
-    ≤ 0 at a Gauss point, such as a negative radius).
+    uses, regions that overlap or miss elements, and an element that is inverted or has no volume (det J ≤ 0 at a Gauss
+    point or at a corner, a scale factor ≤ 0 at a Gauss point, such as a negative radius).
     """
 
     points: NDArray[np.float64]
@@ -31,6 +32,8 @@ class Mesh:
     faces: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     coordinates: Coordinates = CARTESIAN
     grid: tuple[int, int, int] | None = None
+    regions: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         points = checks.concrete("points", self.points, (None, 3))
@@ -54,15 +57,28 @@ class Mesh:
         det = np.linalg.det(np.einsum("eai,gaj->egij", points[cells], shape_gradient(where)))
         if (bad := det.min(axis=1) <= 1e-12 * np.abs(det).max(axis=1)).any():
             e = int(np.argmax(bad))
+            k = int(np.argmin(det[e]))
+            place = f"Gauss point {k}" if k < 8 else f"corner {k - 8} (node {cells[e, k - 8]})"
             raise ValueError(
-                f"element {e} is inverted or has no volume: det J = {det[e].min():.3g} (must be > 0; {int(bad.sum())} "
-                f"such element(s)). Check the node order (VTK: lower face counter-clockwise, then the upper face)."
+                f"element {e} is inverted or has no volume: det J = {det[e, k]:.3g} at {place} (must be > 0; "
+                f"{int(bad.sum())} such element(s) of {len(cells)}). Check the node order (VTK: lower face "
+                "counter-clockwise, then the upper face)."
             )
         if self.coordinates.curved:
             at = np.einsum("ga,eai->egi", shape(gauss(2, 2, 2)[0]), points[cells])
             self._check_coordinates(at)
         if self.grid is not None and int(np.prod(self.grid)) != len(cells):
             raise ValueError(f"grid = {self.grid} does not have {len(cells)} elements")
+        fields = {}
+        for name, values in self.fields.items():
+            fields[name] = np.asarray(values, dtype=np.float64)
+            if not fields[name].ndim or len(fields[name]) not in (len(points), len(cells)):
+                raise ValueError(
+                    f"fields[{name!r}] must have one row per node ({len(points)}) or per element ({len(cells)}); "
+                    f"got shape {fields[name].shape}"
+                )
+        object.__setattr__(self, "regions", _partition(self.regions, len(cells)))
+        object.__setattr__(self, "fields", fields)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "cells", cells.astype(np.int64))
         object.__setattr__(self, "faces", {k: np.asarray(v, dtype=np.int64) for k, v in self.faces.items()})
@@ -96,13 +112,55 @@ class Mesh:
         """The quads (n, 4) of a named face."""
         return self.faces[checks.choice("face", name, sorted(self.faces))]
 
+    def region(self, name: str) -> NDArray[np.int64]:
+        """The numbers (n,) of the elements of a named region."""
+        return self.regions[checks.choice("region", name, sorted(self.regions))]
+
     def axis(self, name: str) -> int:
         """The number of a coordinate by its name, e.g. 0 for "x" or "r"."""
         return self.coordinates.axes.index(checks.choice("axis", name, list(self.coordinates.axes)))
 
     def mapped(self, position: Callable[[jax.Array], jax.Array]) -> "Mesh":
-        """The same body in Cartesian hexahedra: nodes at position(Θ) [mm], straight edges between them."""
+        """The same body in Cartesian hexahedra: nodes at position(Θ) [mm], straight edges between them.
+
+        Faces, regions and fields stay as they are; the components of vector fields are not turned.
+        """
         return replace(self, points=evaluate(position, self.points), coordinates=CARTESIAN)
+
+
+def boundary(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The quads (n, 4) that belong to one hexahedron only, counter-clockwise seen from outside."""
+    quads = cells[:, QUADS].reshape(-1, 4)
+    _, first, count = np.unique(np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(quads[np.sort(first[count == 1])])
+
+
+def _partition(regions: Mapping[str, ArrayLike], n_elements: int) -> dict[str, NDArray[np.int64]]:
+    """The regions as sorted numbers; an error if they overlap, miss elements, or name some that are not there."""
+    found: dict[str, NDArray[np.int64]] = {}
+    owner = np.full(n_elements, -1)
+    for i, (name, value) in enumerate(regions.items()):
+        numbers = np.asarray(value)
+        if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
+            raise ValueError(f"regions[{name!r}] must be integers (n,); got {numbers.dtype} of {numbers.shape}")
+        if numbers.size and (numbers.min() < 0 or numbers.max() >= n_elements):
+            raise ValueError(
+                f"regions[{name!r}] has element numbers {numbers.min()}..{numbers.max()} outside 0..{n_elements - 1}"
+            )
+        found[name] = np.unique(numbers.astype(np.int64))
+        if (taken := owner[found[name]] >= 0).any():
+            e = found[name][np.argmax(taken)]
+            raise ValueError(
+                f"regions overlap: {int(taken.sum())} element(s) are in {list(found)[owner[e]]!r} and in {name!r}, "
+                f"the first is element {e}; an element belongs to one region"
+            )
+        owner[found[name]] = i
+    if found and (missing := owner < 0).any():
+        raise ValueError(
+            f"regions miss {int(missing.sum())} of {n_elements} element(s), the first is element "
+            f"{int(np.argmax(missing))}; regions must cover the mesh: {', '.join(map(repr, found))}"
+        )
+    return found
 
 
 def structured(nodes: Sequence[ArrayLike], coordinates: Coordinates = CARTESIAN) -> Mesh:

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import checks, patches, surface, ties
+from jaxmyo import checks, fibres, patches, surface, ties
 from jaxmyo.conditions import Displacement, Spring, Tie
 from jaxmyo.energies import Kind, Law
-from jaxmyo.hexahedron import gauss, shape
+from jaxmyo.hexahedron import gauss
 from jaxmyo.mesh import Mesh
 
 
@@ -35,16 +35,19 @@ class Scene:
     """A body and what holds it in every state.
 
     mesh: `Mesh` [mm, rad]; law: an energy density, see `jaxmyo.energies`; constants: the law's pytree of constants;
-    fibre, cross: unit vectors f and f⊥ in the state P, along the local unit vectors of the world coordinates: (3,) for
-    all, (n_elements, 3), (n_elements, n_points, 3) per quadrature point, or a function of the coordinates
-    Θ (n, 3) ↦ (n, 3); supports: ties and springs that hold in the states A and C alike;
+    fibre, cross: vectors f and f⊥ in the state P, along the local unit vectors of the world coordinates, see
+    `jaxmyo.fibres`: (3,) for all, (n_elements, 3), (n_nodes, 3), (n_elements, n_points, 3) per quadrature point, a
+    function of the coordinates Θ (n, 3) ↦ (n, 3), or the name of a field of the mesh;
+    supports: ties and springs that hold in the states A and C alike;
     quadrature: Gauss points per direction, one number or three (2 is the Q1–Q0 standard; 1 is exact along a direction
     in which nothing varies); p_patches, q_patches: (n_elements,) the patch of each element that shares one p,
     one q; None is one per element (`jaxmyo.patches`); regions: name of a region of the mesh → the `Material` of its
     elements; all others have the law and the constants of the scene.
 
-    Errors: a ValueError for a law that is no finite scalar at rest, for fibres that are not of unit length or not
-    orthogonal, for supports that leave a rigid motion free, for patches that do not cover the elements, and for names
+    A UserWarning says where fibre and cross were not of unit length or not orthogonal, and were made so.
+
+    Errors: a ValueError for a law that is no finite scalar at rest, for fibres that are zero, not finite or parallel,
+    for supports that leave a rigid motion free, for patches that do not cover the elements, and for names
     of faces and axes that the mesh does not have. `print(scene)` says what is modelled.
     """
 
@@ -84,7 +87,8 @@ class Scene:
         surface.build(self.mesh, self.springs)
         for name in ("p_patches", "q_patches"):
             object.__setattr__(self, name, patches.checked(name, getattr(self, name), self.mesh))
-        object.__setattr__(self, "frame", self._frame())
+        xi, _ = gauss(*self.orders)
+        object.__setattr__(self, "frame", fibres.frame(self.mesh, xi, self.fibre, self.cross))
         self._set_materials()
         self.kinematics(())
 
@@ -144,19 +148,6 @@ class Scene:
             )
         return built
 
-    def _frame(self) -> NDArray[np.float64]:
-        """Rows f, f⊥, n at every quadrature point (n_elements, n_points, 3, 3)."""
-        xi, _ = gauss(*self.orders)
-        at = np.einsum("ga,eai->egi", shape(xi), self.mesh.points[self.mesh.cells])
-        f, cf = _directions("fibre", self.fibre, at), _directions("cross", self.cross, at)
-        dot = np.einsum("egi,egi->eg", f, cf)
-        if (np.abs(dot) > 1e-6).any():
-            e, g = (int(i) for i in np.argwhere(np.abs(dot) > 1e-6)[0])
-            raise ValueError(
-                f"fibre and cross must be orthogonal; f · f⊥ = {dot[e, g]:.3g} in element {e}, point {g} (valid: 0)"
-            )
-        return np.stack([f, cf, np.cross(f, cf)], axis=-2)
-
     def __str__(self) -> str:
         from jaxmyo.describe import describe  # it needs the scene's type
 
@@ -170,28 +161,3 @@ def _check_law(law: Law, constants: Any) -> None:
         raise ValueError(f"law must return one float64 energy density W (kPa), shape (); {law} returns {shape}")
     if not checks.is_traced(constants) and not bool(jnp.isfinite(law(*rest, constants))):
         raise ValueError(f"law is not finite at rest (C = I, beta = 0) with constants = {constants}")
-
-
-def _directions(name: str, value: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors at the points `at` (n_elements, n_points, 3)."""
-    shape = at.shape[:2]
-    if callable(value):
-        value = np.reshape(value(at.reshape(-1, 3)), at.shape)
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"{name} must be numbers, unit vectors; got {value!r}") from error
-    if array.shape not in ((3,), (shape[0], 3), (*shape, 3)):
-        raise ValueError(
-            f"{name} must have shape (3,), ({shape[0]}, 3) per element or {(*shape, 3)} per quadrature point; "
-            f"got {array.shape}"
-        )
-    array = np.broadcast_to(array[:, None] if array.ndim == 2 else array, (*shape, 3))
-    length = np.linalg.norm(array, axis=-1)
-    if not (np.abs(length - 1.0) <= 1e-6).all():  # also catches NaN
-        e, g = (int(i) for i in np.argwhere(~(np.abs(length - 1.0) <= 1e-6))[0])
-        raise ValueError(
-            f"{name} must be unit vectors; {array[e, g]} in element {e}, point {g} has length {length[e, g]:.6g} "
-            "(valid: 1 ± 1e-6)"
-        )
-    return array / length[..., None]

@@ -218,14 +218,11 @@ def test_loading_a_state_that_failed() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "parts"),
     [
-        ("fibre", (1.0, 0.1, 0.0), ("fibre", "unit", "element 0", "1.00499")),
-        ("cross", (0.0, 2.0, 0.0), ("cross", "unit", "element 0", "length 2")),
-        ("fibre", (0.0, 0.0, 0.0), ("fibre", "unit", "length 0")),
-        ("fibre", (np.nan, 0.0, 0.0), ("fibre", "unit", "nan")),
-        ("cross", (1.0, 0.0, 0.0), ("fibre", "cross", "orthogonal", "= 1", "element 0")),
-        ("cross", (0.6, 0.8, 0.0), ("fibre", "cross", "orthogonal", "0.6")),
+        ("fibre", (0.0, 0.0, 0.0), ("fibre", "direction", "not zero", "element 0, point 0")),
+        ("fibre", (np.nan, 0.0, 0.0), ("fibre", "direction", "finite", "nan")),
+        ("cross", (1.0, 0.0, 0.0), ("fibre", "cross", "parallel", "element 0, point 0")),
         ("fibre", (1.0, 0.0), ("fibre", "shape", "(3,)", "(2,)")),
-        ("fibre", np.ones((2, 3)), ("fibre", "shape", "(3,)", "(1, 3)", "(1, 8, 3)", "(2, 3)")),
+        ("fibre", np.ones((2, 3)), ("fibre", "shape", "(3,)", "(1, 3)", "(8, 3)", "(1, 8, 3)", "(2, 3)")),
         ("cross", np.ones((1, 4, 3)), ("cross", "shape", "(1, 8, 3)", "(1, 4, 3)")),
         ("cross", 1.0, ("cross", "shape", "(3,)", "()")),
     ],
@@ -237,14 +234,29 @@ def test_fibres(cube: jm.Mesh, name: str, value: Any, parts: tuple[str, ...]) ->
 
 def test_fibre_that_is_no_number(cube: jm.Mesh) -> None:
     with pytest.raises((TypeError, ValueError), match="fibre"):
-        jm.Scene(cube, jm.lin_yin, jm.TABLE1, fibre="x", supports=SUPPORTS)
+        jm.Scene(cube, jm.lin_yin, jm.TABLE1, fibre=object(), supports=SUPPORTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "parts"),
+    [
+        ("fibre", (1.1, 0.0, 0.0), ("fibre", "unit", "element 0", "is 1.1")),
+        ("cross", (0.0, 2.0, 0.0), ("cross", "unit", "element 0", "is 2")),
+        ("cross", (0.6, 0.8, 0.0), ("fibre", "cross", "orthogonal", "36.9°")),
+    ],
+)
+def test_fibres_that_are_made_orthonormal(cube: jm.Mesh, name: str, value: Any, parts: tuple[str, ...]) -> None:
+    """With a warning; `tests/test_fibres.py` says what comes of it."""
+    with pytest.warns(UserWarning, match=says(*parts)):
+        scene = jm.Scene(cube, jm.lin_yin, jm.TABLE1, supports=SUPPORTS, **{name: value})
+    np.testing.assert_allclose(scene.frame @ scene.frame.swapaxes(-1, -2), np.tile(np.eye(3), (1, 8, 1, 1)), atol=1e-14)
 
 
 def test_one_bad_fibre_among_many_is_found() -> None:
     mesh = jm.box((2.0, 1.0, 1.0), (2, 1, 1))
     fibre = np.tile([1.0, 0.0, 0.0], (2, 8, 1))
-    fibre[1, 5] = 0.0, 0.0, 1.1
-    with pytest.raises(ValueError, match=says("fibre", "unit", "element 1, point 5", "1.1")):
+    fibre[1, 5] = 0.0
+    with pytest.raises(ValueError, match=says("fibre", "not zero", "element 1, point 5")):
         jm.Scene(mesh, jm.lin_yin, jm.TABLE1, fibre=fibre, supports=SUPPORTS)
 
 
