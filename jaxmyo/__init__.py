@@ -5,6 +5,7 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
 from jaxmyo.conditions import (
+    BodyForce,
     Displacement,
     Homogeneous,
     Planar,
@@ -15,6 +16,7 @@ from jaxmyo.conditions import (
     Symmetry,
     Traction,
     Uniform,
+    Volume,
 )
 from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
@@ -40,6 +42,7 @@ __all__ = [
     "PRINTED",
     "SETS",
     "TABLE1",
+    "BodyForce",
     "Coordinates",
     "Cycle",
     "Displacement",
@@ -61,6 +64,7 @@ __all__ = [
     "Traction",
     "Uniform",
     "Ventricle",
+    "Volume",
     "axisymmetric_tube",
     "blocks",
     "box",

@@ -32,7 +32,7 @@ _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="j
 
 
 class Elements(NamedTuple):
-    """What the elements of a chunk need, (n_elements, ...) each, see `System`; scale: (24,) of the ties of its nodes."""
+    """What the elements of a chunk need, (n_elements, ...) each, see `System`; scale: (24,) of their ties."""
 
     cells: Array
     dN: Array
@@ -133,7 +133,7 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     pair_of = pair_of.reshape(len(cells), -1)[:, number[_I // 3, _J // 3]]
     swapped = cells[:, _I // 3] > cells[:, _J // 3]
     row, column = np.where(swapped, _J % 3, _I % 3), np.where(swapped, _I % 3, _J % 3)
-    positions = at[pair_of, row, column]
+    positions = np.ascontiguousarray(at[pair_of, row, column])
     same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
     twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
     indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
@@ -141,9 +141,7 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
 
 
 @partial(jax.jit, static_argnames=("inside",))
-def _terms(
-    system: System, e: Elements, u: Array, m: Array, inputs: Inputs, gamma: Array, inside: tuple[bool, ...]
-) -> Terms:
+def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: Any, inside: tuple[bool, ...]) -> Terms:
     """The terms of a chunk. u: (n_nodes, 3); m: (n_elements, multipliers); inputs: with the tensions of the chunk.
 
     inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
@@ -155,9 +153,10 @@ def _terms(
     n_y = order.size
 
     def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array) -> Terms:
-        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
+        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Any) -> Any:
             y = lagrangian.variables(c, nodes, dN, N, theta, g)
-            r_y, K_y = lagrangian.at_point(system, jnp.concatenate([y, m]), frame, *T, e.material, inputs)
+            place: Any = (frame, *T, e.material, inputs)
+            r_y, K_y = lagrangian.at_point(system, jnp.concatenate([y, m]), *place)
             M = K_y[order.reshape(-1)[:, None], order.reshape(-1)[None, :]].reshape(*order.shape, *order.shape)
             return weight * r_y, weight * M, weight * K_y[:, n_y:], lagrangian.volume_ratio(c, y)
 
@@ -185,24 +184,20 @@ def _terms(
 
 
 @jax.jit
-def _rate(
-    system: System, e: Elements, u: Array, du: Array, m: Array, inputs: Inputs, by_t: Inputs
-) -> tuple[Array, Array]:
+def _rate(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
     """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
     c, n_y = system.coordinates, 12 if system.coordinates.curved else 9
 
-    def element(
-        e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs
-    ) -> tuple[Array, Array]:
-        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Array) -> Any:
+    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> tuple[Array, Array]:
+        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Any) -> Any:
             y = lagrangian.variables(c, nodes, dN, N, theta, g)
-            at = (frame, *T, e.material, inputs)
+            at: Any = (frame, *T, e.material, inputs)
             r = jax.jacfwd(lambda y: lagrangian.density(system, lagrangian.strain(c, y), *at))
             r_y = weight * r(jnp.concatenate([y, m]))
             on_nodes = dN @ r_y[:9].reshape(3, 3).T
-            return (on_nodes + N[:, None] * r_y[9:12] if c.curved else on_nodes), r_y[n_y:]
+            return (on_nodes + N[:, None] * r_y[None, 9:12] if c.curved else on_nodes), r_y[n_y:]
 
-        at = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
+        at: Any = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
         r, r_m = jax.vmap(point)(*at)
         return e.scale * jnp.sum(r, axis=0).reshape(24), jnp.sum(r_m, axis=0)
 
@@ -219,25 +214,30 @@ def _rate(
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(block, split))
 
 
-@jax.jit
-def _load_forces(system: System, u: Array, loads: Any) -> Array:
-    """The loads at the nodes (n_nodes, 3)."""
-    return surface.nodal_forces(system.coordinates, system.surfaces, loads, system.points + u, system.points)
+def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple[Array, Array]:
+    """The loads at the nodes (n_nodes, 3), and the volumes (n_cavities,)."""
+    loads, theta = lagrangian.loads(system, pressures, inputs), system.points + u
+    volumes = [surface.enclosed(system.coordinates, wall, theta) for wall in system.cavities]
+    at_nodes = surface.nodal_forces(system.coordinates, loads, theta, system.points)
+    return at_nodes, jnp.stack(volumes) if volumes else jnp.zeros(0)
 
 
 @jax.jit
-def _load_rates(system: System, u: Array, du: Array, loads: Any, by_t: Any) -> Array:
-    return jax.jvp(lambda u, loads: _load_forces(system, u, loads), (u, loads), (du, by_t))[1]
+def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
+    def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
+        return _load_forces(system, u, pressures, inputs)
+
+    return jax.jvp(of, (u, inputs), (du, by_t))[1]
 
 
 @jax.jit
-def _load_tangents(system: System, u: Array, loads: Any) -> list[Array]:
-    """The derivatives (n_quads, 12, 12) of the loads, by kind."""
-    theta = system.points + u
-    return [
-        surface.quad_tangents(system.coordinates, kind, theta[quads], system.points[quads], loads[kind])
-        for kind, quads in system.surfaces.items()
-    ]
+def _load_terms(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple[Any, list[Array], list[Array]]:
+    """Forces and volumes, the derivatives (n, 12 or 24, 12 or 24) of each load, and of each volume (n, 12)."""
+    c, theta = system.coordinates, system.points + u
+    loads = lagrangian.loads(system, pressures, inputs)
+    tangents = [surface.tangents(c, kind, theta[n], system.points[n], values) for kind, n, values in loads]
+    ones = [surface.forces(c, "closed", theta[w], system.points[w], jnp.ones(len(w))) for w in system.cavities]
+    return _load_forces(system, u, pressures, inputs), tangents, [one.reshape(-1, 12) for one in ones]
 
 
 class Assembly:
@@ -264,24 +264,29 @@ class Assembly:
             system.material,
             jnp.asarray(self.scale),
         )
-        self._elements = [jax.tree.map(lambda x, i=self._padded(i): x[i], whole) for i in self._ids]
+        self._elements = [self._of(whole, self._padded(ids)) for ids in self._ids]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
-        none = np.zeros(0)
-        bare = {f: none for f in ("weight", "frame", "dN", "theta", "inverse_g", "material", "cells", "tie_index")}
-        bare |= {f: none for f in ("tie_scale", "points", "local_multipliers")}
-        self._shared = replace(system, n_u=0, n_p=0, n_q=0, surfaces={}, **bare)
-        kept = {"points": system.points, "surfaces": system.surfaces, "N": none}
-        self._loaded = replace(self._shared, **kept)
+        none: Any = np.zeros(0)
+        own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
+        bare: dict[str, Any] = dict.fromkeys(own, none)
+        self._shared = replace(system, n_u=0, n_p=0, n_q=0, surfaces={}, cavities=(), **bare)
+        loads: dict[str, Any] = {"surfaces": system.surfaces, "cavities": system.cavities, "points": system.points}
+        self._loads = replace(self._shared, **loads, kinds=(), N=none)
 
     def _padded(self, ids: Ints) -> Ints:
         """The elements of a chunk; the last one is filled up with repetitions."""
         return np.concatenate([ids, np.full(self.count - len(ids), ids[-1])])
 
+    @staticmethod
+    def _of(whole: Elements, ids: Ints) -> Elements:
+        return jax.tree.map(lambda x: x[ids], whole)
+
     def _cut(self, inputs: Inputs, ids: Ints) -> Inputs:
         """The inputs of a chunk."""
         i = self._padded(ids)
-        none = np.zeros(0)
-        return inputs._replace(T_f=inputs.T_f[i], T_cf=inputs.T_cf[i], offset=none, loads={}, imbalance=none)
+        none: Any = np.zeros(0)
+        cut = inputs._replace(T_f=inputs.T_f[i], T_cf=inputs.T_cf[i], offset=none)
+        return cut._replace(loads={}, volumes=none, imbalance=none)
 
     def terms(
         self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]
@@ -302,7 +307,7 @@ class Assembly:
         for ids, future in ahead:
             yield ids, future.result()
 
-    def rates(self, u: Array, du: Array, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
+    def rates(self, u: Floats, du: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
         """The change (n,) of the residual with the inputs, loads included."""
         r = -np.asarray(by_t.imbalance)
         for ids, e in zip(self._ids, self._elements, strict=True):
@@ -311,23 +316,46 @@ class Assembly:
             r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))
             r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
             r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
-        if self.system.surfaces:
-            forces = np.asarray(_load_rates(self._loaded, u, du, inputs.loads, by_t.loads))
+        if self.loaded:
+            cut = self._of_loads(inputs), self._of_loads(by_t)
+            pressures = self.system.pressures(z)
+            forces, volumes = (np.asarray(x) for x in _load_rates(self._loads, u, du, pressures, *cut))
             r += np.bincount(self.tie_index, -self.tie_scale * forces.ravel(), len(r))
+            r[len(r) - len(volumes) :] += np.asarray(by_t.volumes) - volumes
         return r
 
-    def loads(self, u: Array, inputs: Inputs) -> tuple[Floats, sp.csr_matrix]:
-        """The loads on the unknowns (n,), and their derivative (n_u, n_u)."""
-        forces = np.asarray(_load_forces(self._loaded, u, inputs.loads)).ravel()
-        size, n_u = self.system.size, self.system.n_u
+    @property
+    def loaded(self) -> bool:
+        """Whether there are loads, or cavities of prescribed volume."""
+        return bool(self.system.surfaces or self.system.cavities)
+
+    def loads(self, u: Floats, z: Floats, inputs: Inputs) -> tuple[Floats, sp.csr_matrix, Floats, Floats]:
+        """Forces on the unknowns (n,), their derivative (n_u, n_u); volumes (n_cavities,), and theirs (…, n_u)."""
+        size, n_u, s = self.system.size, self.system.n_u, self.system
+        pressures = s.pressures(z)
+        (forces, volumes), tangents, by_u = _load_terms(self._loads, u, pressures, self._of_loads(inputs))
         data, rows, columns = [], [], []
-        for quads, K in zip(self.system.surfaces.values(), _load_tangents(self._loaded, u, inputs.loads), strict=True):
-            dofs = (3 * np.asarray(quads)[:, :, None] + np.arange(3)).reshape(-1, 12)
-            index, scale = self.tie_index[dofs], self.tie_scale[dofs]
+        for nodes, K in zip([*s.surfaces.values(), *s.cavities], tangents, strict=True):
+            index, scale = self._tied(nodes)
             data.append((scale[:, :, None] * np.asarray(K) * scale[:, None, :]).ravel())
             rows.append(np.broadcast_to(index[:, :, None], K.shape).ravel())
             columns.append(np.broadcast_to(index[:, None, :], K.shape).ravel())
         entries = (np.concatenate(rows), np.concatenate(columns))
-        K = sp.coo_matrix((np.concatenate(data), entries), shape=(n_u, n_u)).tocsr()
-        K.eliminate_zeros()
-        return np.bincount(self.tie_index, self.tie_scale * forces, size), K
+        matrix = sp.coo_matrix((np.concatenate(data), entries), shape=(n_u, n_u)).tocsr()
+        matrix.eliminate_zeros()
+        of_volumes = np.zeros((len(s.cavities), n_u))
+        for row, wall, one in zip(of_volumes, s.cavities, by_u, strict=True):
+            index, scale = self._tied(wall)
+            row += np.bincount(index.ravel(), (scale * np.asarray(one)).ravel(), n_u)
+        on_unknowns = np.bincount(self.tie_index, self.tie_scale * np.asarray(forces).ravel(), size)
+        return on_unknowns.astype(np.float64), matrix, np.asarray(volumes), of_volumes
+
+    def _tied(self, nodes: Array) -> tuple[Ints, Floats]:
+        """The unknowns, and the scales of their ties, of the nodes (n, k) of quads or hexahedra: (n, 3k)."""
+        dofs = (3 * np.asarray(nodes)[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        return self.tie_index[dofs], self.tie_scale[dofs]
+
+    def _of_loads(self, inputs: Inputs) -> Inputs:
+        """The inputs without what loads do not need."""
+        none: Any = np.zeros(0)
+        return inputs._replace(constants=(), T_f=none, T_cf=none, offset=none, imbalance=none)

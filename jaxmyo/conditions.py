@@ -123,6 +123,32 @@ class Spring:
     direction: Literal["all", "normal"] = field(default="all", metadata={"static": True})
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BodyForce:
+    """A force (3,) [mN/mm³ = kPa/mm] per volume of the zero-stress state P, along the local unit vectors e_i(θ).
+
+    region: the name of a region of the mesh that it acts in, None for the whole body. Gravity along −z is
+    BodyForce((0, 0, −1.04e-2)) for tissue of 1.06 g/cm³.
+    """
+
+    vector: ArrayLike
+    region: str | None = field(default=None, metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Volume:
+    """The cavity whose wall is a face encloses `value` [mm³]; the pressure in it is an unknown (volume-driven filling).
+
+    The cavity and its volume are those of a `Pressure` with closed ends. A path that comes to a limit point in pressure
+    passes it in volume.
+    """
+
+    face: str = field(metadata={"static": True})
+    value: ArrayLike
+
+
 Tie = Displacement | Stretch | Planar | Uniform | Proportional | Homogeneous
-Load = Traction | Pressure
-Condition = Tie | Load | Spring
+Load = Traction | Pressure | BodyForce
+Condition = Tie | Load | Spring | Volume

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmyo.checks import is_traced
@@ -20,8 +21,9 @@ def loop(keep_going: Callable[[T], Array], step: Callable[[T], T], start: T) -> 
     """`while keep_going(state): state = step(state)`."""
     if is_traced(start):
         return jax.lax.while_loop(keep_going, step, start)
-    while bool(keep_going(start)):
-        start = step(start)
+    with np.errstate(all="ignore"):  # as inside JAX: what is not finite is found and refused
+        while bool(keep_going(start)):
+            start = step(start)
     return start
 
 

@@ -12,14 +12,13 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, continuation, outputs, surface
-from jaxmyo.conditions import Condition, Load, Spring, Tie
+from jaxmyo import checks, outputs, surface
+from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
-from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
-from jaxmyo.solve import DEFAULT, as_state, contraction, held, loading, unknowns
+from jaxmyo.solve import DEFAULT, as_state, contraction, enclosed, follow, held, loading, unknowns
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 from jaxmyo.ties import Ties
@@ -68,18 +67,21 @@ def cycle(
                 raise TypeError(f"loads({t:g}) must be conditions as `load` is given; got {c!r}")
     stacked = jax.tree.map(lambda *x: np.stack([np.asarray(v, dtype=np.float64) for v in x]), *every)
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
-    on_faces = tuple(c for c in every[0] if not isinstance(c, Tie))
+    on_faces = tuple(c for c in every[0] if not isinstance(c, Tie | Volume))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
-    system_C = loading(scene, _ties(scene, every[0]), surfaces, every[0])
+    walls, _ = _cavities(scene, every[0])
+    system_C = loading(scene, _ties(scene, every[0]), surfaces, walls, every[0])
 
     def of_one(conditions: tuple[Condition, ...], beta: Array) -> _Step:
-        on_faces = (c for c in conditions if not isinstance(c, Tie))
-        return _Step(beta, _ties(scene, conditions).offset, surface.build(scene.mesh, (*scene.springs, *on_faces))[1])
+        on_faces = (c for c in conditions if not isinstance(c, Tie | Volume))
+        loads = surface.build(scene.mesh, (*scene.springs, *on_faces))[1]
+        return _Step(beta, _ties(scene, conditions).offset, loads, _cavities(scene, conditions)[1])
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
-    found_A, found_C = _run(system_A, system_C, inputs, unloaded, plan, valid, settings)
+    run = _run if system_A.is_small and system_C.is_small else _run_on_host
+    found_A, found_C = run(system_A, system_C, inputs, unloaded, plan, valid, settings)
     A = _states(scene, system_A, found_A, ())
-    C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie)))
+    C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie | Volume)))
     if throw and not checks.is_traced(found_C.status):
         for name, states in (("A", A), ("C", C)):
             if not bool(jnp.all(states.converged)):
@@ -94,6 +96,7 @@ class _Step(NamedTuple):
     beta: Array
     offset: Array
     loads: dict[str, Array]
+    volumes: Array
 
 
 class _At(NamedTuple):
@@ -106,6 +109,45 @@ class _At(NamedTuple):
     begun: Array  # whether there is a state C
 
 
+def _steps(
+    system_A: System,
+    system_C: System,
+    inputs: Inputs,
+    unloaded: dict[str, Array],
+    plan: _Step,
+    valid: Array,
+    settings: Settings,
+) -> tuple[_At, Callable[[_At, _Step], tuple[_At, tuple[Solution, Solution]]]]:
+    """Where the cycle starts, and one step of it. inputs: of a state A, β apart; unloaded: springs, no other load."""
+
+    def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
+        end = inputs._replace(beta=now.beta)
+        A = follow(system_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
+        found = A.status == Status.CONVERGED
+        u = system_A.displacements(A.z, A.inputs)
+        T_f, T_cf = inputs.T_f, inputs.T_cf
+        if system_A.weave:
+            T_f, T_cf = outputs.tensions(system_A, u, A.z[system_A.n_u + system_A.n_p :], A.inputs)
+        end = A.inputs._replace(T_f=T_f, T_cf=T_cf, offset=now.offset, loads=now.loads)
+        end = end._replace(volumes=now.volumes, imbalance=at.inputs_C.imbalance)
+        # The first C starts at A without load.
+        z_u = unknowns(system_C, u.reshape(-1), now.offset)
+        no_pressure = jnp.zeros(len(system_C.cavities))
+        z_first = jnp.concatenate([z_u, A.z[system_A.n_u : system_A.n_u + system_A.n_p], no_pressure])
+        first = end._replace(offset=held(system_C, u.reshape(-1), z_u), loads=unloaded, volumes=enclosed(system_C, u))
+        z, begin = jax.tree.map(
+            lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
+        )
+        C = follow(system_C, z, begin, end, valid & found, jnp.array(False), settings)
+        return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)
+
+    rest = inputs._replace(beta=jnp.zeros(()))
+    nothing = inputs._replace(offset=plan.offset[0], loads=unloaded, volumes=plan.volumes[0])
+    nothing = nothing._replace(imbalance=jnp.zeros(system_C.size))
+    start = _At(jnp.zeros(system_A.size), rest, jnp.zeros(system_C.size), nothing, jnp.array(False))
+    return start, step
+
+
 @partial(jax.jit, static_argnames=("settings",))
 def _run(
     system_A: System,
@@ -116,33 +158,31 @@ def _run(
     valid: Array,
     settings: Settings,
 ) -> tuple[Solution, Solution]:
-    """The solutions A and C of all steps. inputs: of a state A, β apart; unloaded: the springs and no other load."""
-
-    lin_A, lin_C = Dense.of(system_A), Dense.of(system_C)
-
-    def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
-        end = inputs._replace(beta=now.beta)
-        A = continuation.follow(lin_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
-        found = A.status == Status.CONVERGED
-        u = system_A.displacements(A.z, A.inputs)
-        T_f, T_cf = inputs.T_f, inputs.T_cf
-        if system_A.weave:
-            T_f, T_cf = outputs.tensions(system_A, u, A.z[system_A.n_u + system_A.n_p :], A.inputs)
-        end = A.inputs._replace(T_f=T_f, T_cf=T_cf, offset=now.offset, loads=now.loads, imbalance=at.inputs_C.imbalance)
-        # The first C starts at A without load.
-        z_u = unknowns(system_C, u.reshape(-1), now.offset)
-        z_first = jnp.concatenate([z_u, A.z[system_A.n_u : system_A.n_u + system_A.n_p]])
-        first = end._replace(offset=held(system_C, u.reshape(-1), z_u), loads=unloaded)
-        z, begin = jax.tree.map(
-            lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
-        )
-        C = continuation.follow(lin_C, z, begin, end, valid & found, jnp.array(False), settings)
-        return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)
-
-    rest = inputs._replace(beta=jnp.zeros(()))
-    nothing = inputs._replace(offset=plan.offset[0], loads=unloaded, imbalance=jnp.zeros(system_C.size))
-    start = _At(jnp.zeros(system_A.size), rest, jnp.zeros(system_C.size), nothing, jnp.array(False))
+    """The solutions A and C of all steps, in one program."""
+    start, step = _steps(system_A, system_C, inputs, unloaded, plan, valid, settings)
     return jax.lax.scan(step, start, plan)[1]
+
+
+def _run_on_host(
+    system_A: System,
+    system_C: System,
+    inputs: Inputs,
+    unloaded: dict[str, Array],
+    plan: _Step,
+    valid: Array,
+    settings: Settings,
+) -> tuple[Solution, Solution]:
+    """The same, step by step."""
+    at, step = _steps(system_A, system_C, inputs, unloaded, plan, valid, settings)
+    found = []
+    for k in range(len(plan.beta)):
+        at, both = step(at, jax.tree.map(lambda x, k=k: x[k], plan))
+        found.append(both)
+    return jax.tree.map(lambda *x: jnp.stack(x), *found)
+
+
+def _cavities(scene: Scene, conditions: Sequence[Condition]) -> tuple[tuple[NDArray[np.int64], ...], Array]:
+    return surface.cavities(scene.mesh, [c for c in conditions if isinstance(c, Volume)])
 
 
 def _ties(scene: Scene, conditions: Sequence[Condition]) -> Ties:

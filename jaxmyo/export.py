@@ -46,7 +46,7 @@ def write_vtu(path: str | Path, state: State, refine: tuple[int, int, int] = (1,
     ValueError for refine < 1.
     """
     try:
-        import meshio  # type: ignore[import-untyped]
+        import meshio
     except ModuleNotFoundError as error:
         message = f"write_vtu needs {error.name}, which is not installed: pip install 'jaxmyo[mesh]'"
         raise ModuleNotFoundError(message, name=error.name) from error

@@ -39,7 +39,7 @@ class _Pardiso:
     name = "Pardiso"
 
     def __init__(self, pattern: Pattern) -> None:
-        from pypardiso import PyPardisoSolver  # type: ignore[import-untyped]
+        from pypardiso import PyPardisoSolver
 
         self._matrix = pattern.matrix(np.zeros(pattern.nnz))
         self._solver = PyPardisoSolver(mtype=-2)

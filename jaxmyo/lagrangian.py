@@ -7,7 +7,7 @@ is small: twice in the six components of C and the multipliers, then carried to 
 F = diag(g(θ)) · H with H = ∂θ/∂Θ · diag(1/g(Θ)), see `jaxmyo.coordinates`; in Cartesian coordinates H is F.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -30,10 +30,11 @@ from jaxmyo.ties import Ties
 class Inputs(NamedTuple):
     """What a path of states is driven by. Every leaf may change along the path and may be differentiated.
 
-    constants: the constants of each kind of material; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave [1/kPa], 0 for an exact
-    constraint; T_f, T_cf: (n_elements, n_points) tensions left by state A [kPa]; offset: (n_dof,) prescribed
-    displacements [mm, rad]; loads: kind → values on the quads of `System.surfaces` [kPa, kPa/mm]; imbalance: (size,)
-    residual of the state that the path starts from, which fades along it.
+    constants: the constants of each kind of material; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave
+    [1/kPa], 0 for an exact constraint; T_f, T_cf: (n_elements, n_points) tensions left by state A [kPa]; offset:
+    (n_dof,) prescribed displacements [mm, rad]; loads: kind → values on the quads of `System.surfaces` [kPa, kPa/mm];
+    volumes: (n_cavities,) that the cavities enclose [mm³]; imbalance: (size,) residual of the state that the path
+    starts from, which fades along it.
     """
 
     constants: tuple[Any, ...]
@@ -45,6 +46,7 @@ class Inputs(NamedTuple):
     T_cf: Array
     offset: Array
     loads: Mapping[str, Array]
+    volumes: Array
     imbalance: Array
 
 
@@ -53,16 +55,17 @@ class Inputs(NamedTuple):
 class System:
     """The discrete problem of one state: geometry and bookkeeping, no material parameter and no load.
 
-    The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave)].
+    The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave), the pressures
+    in cavities of prescribed volume (n_cavities)].
 
     columns: (n_elements, n_points, 9 or 12, n_local) derivatives of H (9), and in curved coordinates of θ (3), by the
     local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest; local_u:
     (n_elements, n_local) the displacements in z that an element feels; these three are None for a large body;
-    local_multipliers: (n_elements, 1 or 2) positions in z of the element's p and q; material: (n_elements,) which of the
-    `kinds` an element is made of;
-    weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3); N: (n_points, 8);
-    dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points, 3) Θ and 1/g(Θ); cells: (n_elements, 8);
-    tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4); points: (n_nodes, 3) Θ [mm, rad].
+    local_multipliers: (n_elements, 1 or 2) positions in z of the element's p and q; material: (n_elements,) which of
+    the `kinds` an element is made of; weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3);
+    N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points,
+    3) Θ and 1/g(Θ); cells: (n_elements, 8); tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4), or
+    (n, 8) hexahedra; cavities: the walls (n_quads, 4) of each; points: (n_nodes, 3) Θ [mm, rad].
     """
 
     kinds: tuple[Kind, ...] = field(metadata={"static": True})
@@ -86,12 +89,13 @@ class System:
     tie_index: Array
     tie_scale: Array
     surfaces: Mapping[str, Array]
+    cavities: tuple[Array, ...]
     points: Array
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.n_u + self.n_p + self.n_q
+        return self.n_u + self.n_p + self.n_q + len(self.cavities)
 
     @property
     def is_small(self) -> bool:
@@ -103,6 +107,10 @@ class System:
         """Multipliers that an element feels: p, and q where the weave acts."""
         return 2 if self.weave else 1
 
+    def pressures(self, z: Any) -> Any:
+        """The pressures (n_cavities,) in cavities of prescribed volume [kPa]."""
+        return z[self.n_u + self.n_p + self.n_q :]
+
     def displacements(self, z: Array, inputs: Inputs) -> Array:
         """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
         if not self.n_u:
@@ -110,8 +118,16 @@ class System:
         return (inputs.offset + self.tie_scale * z[self.tie_index]).reshape(-1, 3)
 
 
-def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.ndarray], large: bool = False) -> System:
-    """The discrete problem of a scene under its ties, in NumPy; `surfaces`: kind of load → the quads (n, 4) with it."""
+def build(
+    scene: Scene,
+    ties: Ties,
+    *,
+    weave: bool,
+    surfaces: Mapping[str, np.ndarray],
+    cavities: Sequence[np.ndarray] = (),
+    large: bool = False,
+) -> System:
+    """The discrete problem of a scene under its ties, in NumPy; surfaces, cavities: as in `System`."""
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
@@ -140,6 +156,7 @@ def build(scene: Scene, ties: Ties, *, weave: bool, surfaces: Mapping[str, np.nd
         "tie_index": ties.index,
         "tie_scale": ties.scale,
         "surfaces": dict(surfaces),
+        "cavities": tuple(cavities),
         "points": mesh.points,
     }
     return System(kinds=scene.kinds, coordinates=coordinates, weave=weave, n_u=ties.size, n_p=n_p, n_q=n_q, **arrays)
@@ -298,23 +315,25 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
 
 
 def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tuple[Array, Array]:
-    assert system.columns is not None and system.local_u is not None
+    assert system.columns is not None
+    assert system.local_u is not None
     u = system.displacements(z, inputs)
     n_m = system.multipliers
     n_y, n_local = system.columns.shape[2:]
 
     def element(
-        columns: Array, weight: Array, multipliers: Array, material: Array, *at_points: Array
+        columns: Array, weight: Array, multipliers: Array, material: Array, *at_points: Any
     ) -> tuple[Array, Array]:
         # The columns of a point's variables (H[, θ], multipliers) by the element's unknowns.
         B = jnp.zeros((*columns.shape[:1], n_y + n_m, n_local + n_m)).at[:, :n_y, :n_local].set(columns)
         B = B.at[:, n_y:, n_local:].set(jnp.eye(n_m)[None])
 
-        def point(B: Array, H: Array, *at: Array) -> tuple[Array, Array]:
+        def point(B: Array, H: Array, *at: Any) -> tuple[Array, Array]:
             y = jnp.concatenate([H, multipliers])
+            place: Any = (*at, material, inputs)
 
             def of_y(y: Array) -> Array:
-                return density(system, strain(system.coordinates, y), *at, material, inputs)
+                return density(system, strain(system.coordinates, y), *place)
 
             if not tangent:
                 return jax.jacfwd(of_y)(y) @ B, jnp.zeros((0, 0))
@@ -322,7 +341,7 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
                 r = jax.jacfwd(lambda v: of_y(y + B @ v))
                 v = jnp.zeros(n_local + n_m)
                 return r(v), jax.jacfwd(r)(v)
-            r_y, K_y = at_point(system, y, *at, material, inputs)
+            r_y, K_y = at_point(system, y, *place)
             return r_y @ B, B.T @ K_y @ B
 
         r, K = jax.vmap(point)(B, *at_points)
@@ -344,18 +363,33 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
     if tangent:
         K = K.at[local[:, :, None], local[:, None, :]].add(K_e)
     if system.n_u:
-        r, K = _add_loads(system, u, inputs, r, K, tangent=tangent)
+        r, K = _add_loads(system, u, system.pressures(z), inputs, r, K, tangent=tangent)
     return r, K
 
 
-def _add_loads(system: System, u: Array, inputs: Inputs, r: Array, K: Array, *, tangent: bool) -> tuple[Array, Array]:
-    theta = system.points + u
-    for kind, quads in system.surfaces.items():
-        at = (system.coordinates, kind, theta[quads], system.points[quads], inputs.loads[kind])
-        dofs = (3 * quads[:, :, None] + jnp.arange(3)[None, None]).reshape(len(quads), 12)
+def loads(system: System, pressures: Any, inputs: Inputs) -> list[surface.Loads]:
+    """The loads, the pressures (n_cavities,) in the cavities among them."""
+    return surface.every(system.surfaces, inputs.loads, system.cavities, pressures)
+
+
+def _add_loads(
+    system: System, u: Array, pressures: Array, inputs: Inputs, r: Array, K: Array, *, tangent: bool
+) -> tuple[Array, Array]:
+    c, theta = system.coordinates, system.points + u
+    for kind, nodes, values in loads(system, pressures, inputs):
+        at = (c, kind, theta[nodes], system.points[nodes], values)
+        dofs = (3 * nodes[:, :, None] + jnp.arange(3)[None, None]).reshape(len(nodes), -1)
         index, scale = system.tie_index[dofs], system.tie_scale[dofs]
-        r = r.at[index].add(-scale * surface.quad_forces(*at).reshape(-1, 12))
+        r = r.at[index].add(-scale * surface.forces(*at).reshape(scale.shape))
         if tangent:
-            K_e = surface.quad_tangents(*at)
+            K_e = surface.tangents(*at)
             K = K.at[index[:, :, None], index[:, None, :]].add(-scale[:, :, None] * K_e * scale[:, None, :])
+    for k, wall in enumerate(system.cavities):
+        row = system.size - len(system.cavities) + k
+        r = r.at[row].add(inputs.volumes[k] - surface.enclosed(c, wall, theta))
+        if tangent:
+            dofs = (3 * wall[:, :, None] + jnp.arange(3)[None, None]).reshape(len(wall), -1)
+            one = surface.forces(c, "closed", theta[wall], system.points[wall], jnp.ones(len(wall)))
+            by_u = -system.tie_scale[dofs] * one.reshape(dofs.shape)
+            K = K.at[row, system.tie_index[dofs]].add(by_u).at[system.tie_index[dofs], row].add(by_u)
     return r, K

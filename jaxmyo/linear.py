@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import Array
 
-from jaxmyo import checks, lagrangian
+from jaxmyo import checks, lagrangian, surface
 from jaxmyo.lagrangian import Inputs, System
 
 EPS = 2.2e-16  # float64
@@ -19,7 +19,7 @@ class Scales(NamedTuple):
     """What makes residuals and tangents of different unknowns comparable.
 
     unit: (n,) the change of an unknown that strains its elements by about one (displacements), 1 for multipliers [kPa];
-    volume: (n,) the volume of the elements that an unknown touches [mm³].
+    volume: (n,) the volume of the elements that an unknown touches, or of a cavity [mm³].
     """
 
     unit: Array
@@ -29,10 +29,10 @@ class Scales(NamedTuple):
 class At(NamedTuple):
     """The linearised system at one point.
 
-    r: (n,) residual [mN, mN·mm; mm³]; K: the tangent, of a type of its solver's own; stress: the largest force imbalance
-    as a stress [kPa]; violation: the largest patch mean of ½ |I3 − 1| and ½ |h| [–]; modulus: the scale of stresses, see
-    `modulus` [kPa]; least_J: the smallest det F [–]; finite: whether everything is; noise: the relative residual that
-    round-off alone may leave.
+    r: (n,) residual [mN, mN·mm; mm³]; K: the tangent, of a type of its solver's own; stress: the largest force
+    imbalance as a stress [kPa]; violation: the largest patch mean of ½ |I3 − 1| and ½ |h|, or relative error of a
+    volume [–]; modulus: the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier; least_J:
+    the smallest det F [–]; finite: whether everything is; noise: the relative residual that round-off alone may leave.
     """
 
     r: Array
@@ -50,20 +50,16 @@ class At(NamedTuple):
         return (self.stress / self.modulus).clip(self.violation)
 
 
-def summary(
-    xp: ModuleType, system: System, scale: Scales, z: Array, r: Array, diagonal: Array, least_J: Array, K: Any
-) -> At:
+def summary(xp: ModuleType, system: System, scale: Scales, z: Any, r: Any, diagonal: Any, least_J: Any, K: Any) -> At:
     """What Newton's method asks of a point, with `jax.numpy` or `numpy`; diagonal: (n_u,) of the tangent.
 
-    The modulus is the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier. Round-off leaves
-    forces of about the nodal force of one element, stress × volume / unit, times the precision.
+    Displacements of many `unit`s, the length of an element, are known to round-off of so many strains.
     """
     n_u = system.n_u
     weigh = scale.unit / scale.volume
     tiny = xp.finfo(z.dtype).tiny
     stiffness = xp.max(xp.abs(diagonal * scale.unit[:n_u] * weigh[:n_u]), initial=tiny)
     G = xp.max(xp.abs(z[n_u:]), initial=tiny).clip(stiffness)
-    # A stress G makes nodal forces G V / (unit of the strain ∂F per displacement); their sum rounds to this:
     rounding = 4.0 * EPS * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
     return At(
         r=r,
@@ -83,8 +79,15 @@ def scales(system: System, metric_diagonal: Array) -> Scales:
     touches = jnp.any(system.gradient != 0.0, axis=(1, 2)).astype(float)
     volume = jnp.zeros(system.size).at[system.local_u].add(size[:, None] * touches)
     volume = volume.at[system.local_multipliers].add(size[:, None])
+    if system.cavities:
+        volume = volume.at[-len(system.cavities) :].set(cavity_scales(system))
     unit = jnp.ones(system.size).at[: system.n_u].set(jnp.sqrt(volume[: system.n_u] / metric_diagonal))
     return Scales(unit, volume)
+
+
+def cavity_scales(system: System) -> Array:
+    """The volumes (n_cavities,) [mm³] of the cavities at rest."""
+    return jnp.stack([surface.enclosed(system.coordinates, wall, system.points) for wall in system.cavities])
 
 
 @jax.jit
@@ -139,7 +142,8 @@ class Dense:
     @classmethod
     def of(cls, system: System) -> "Dense":
         """With the scales of the system; they depend on the mesh and the ties only."""
-        assert system.gradient is not None and system.local_u is not None
+        assert system.gradient is not None
+        assert system.local_u is not None
         weights, own = system.weight[:, :, None, None], system.local_u
         of_elements = jnp.einsum("gkia,gkib->gab", weights * system.gradient, system.gradient)
         metric = jnp.zeros((system.size, system.size)).at[own[:, :, None], own[:, None, :]].add(of_elements)

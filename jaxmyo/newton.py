@@ -35,7 +35,7 @@ class Settings(NamedTuple):
     max_steps: load steps, rejected ones included; move: largest root-mean-square strain per load step that is aimed at;
     min_step: smallest load step, as a fraction of the load;
     time_limit: seconds after which a solve ends with the state that it has, None for no limit; progress: show a bar
-    (tqdm). Both, and the lines that the logger "jaxmyo" writes at level INFO, are for solves outside of `jit` and `vmap`.
+    (tqdm). Both, and the lines that the logger "jaxmyo" writes at level INFO, are for solves outside `jit` and `vmap`.
     """
 
     tolerance: float = 1e-13
@@ -52,10 +52,9 @@ class Iterate(NamedTuple):
     """Newton's iterate: the unknowns, and what is known there.
 
     z: unknowns; at: the linearised system there; factors: of its tangent; delta: the Newton correction from z; size:
-    its root-mean-square strain, an estimate of the error of z; blur: the strain that round-off and an inexact solve may leave
-    in it; alpha: the length of the next trial along delta;
-    iteration: number of corrections made; status; history: (max_iterations + 1,) relative residuals, 0 beyond the last
-    iteration.
+    its root-mean-square strain, an estimate of the error of z; blur: the strain that round-off and an inexact solve
+    may leave in it; alpha: the length of the next trial along delta; iteration: number of corrections made; status;
+    history: (max_iterations + 1,) relative residuals, 0 beyond the last iteration.
     """
 
     z: Array

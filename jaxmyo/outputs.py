@@ -64,7 +64,7 @@ def tensions(system: System, u: Array, q: Array, inputs: Inputs) -> tuple[Array,
     return jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(F, system.frame, of_element)
 
 
-def nodal_forces(system: System, u: Array, S: Array, inputs: Inputs) -> Array:
+def nodal_forces(system: System, u: Array, S: Array, pressures: Array, inputs: Inputs) -> Array:
     """Forces (n_nodes, 3) that supports exert on the nodes, internal forces less the loads.
 
     They are conjugate to the world coordinates: mN for a length, a moment [mN·mm] for an angle.
@@ -72,4 +72,5 @@ def nodal_forces(system: System, u: Array, S: Array, inputs: Inputs) -> Array:
     F, pull = jax.vjp(lambda u: lagrangian.deformation_gradients(system, u), u)
     (internal,) = pull(system.weight[..., None, None] * (F @ S))
     theta = system.points + u
-    return internal - surface.nodal_forces(system.coordinates, system.surfaces, inputs.loads, theta, system.points)
+    loads = lagrangian.loads(system, pressures, inputs)
+    return internal - surface.nodal_forces(system.coordinates, loads, theta, system.points)

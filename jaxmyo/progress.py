@@ -36,7 +36,7 @@ class Watch:
         self._bar: Any = None
         if progress:
             try:
-                from tqdm import tqdm  # type: ignore[import-untyped]
+                from tqdm import tqdm
             except ModuleNotFoundError as error:
                 message = "a progress bar needs tqdm, which is not installed: pip install tqdm"
                 raise ModuleNotFoundError(message, name="tqdm") from error

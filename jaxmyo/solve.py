@@ -11,7 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmyo import checks, constraints, continuation, lagrangian, progress, surface
-from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie
+from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
@@ -69,7 +69,8 @@ def load(
     """State C: the body of a free contraction A under loads, its pseudo-active tensions frozen in (paper, step 2).
 
     Stationary point over u, p of ∫ W* + ½ βT0 ln I4 + ½ T_A^f ln I4 + ½ T_A^cf ln I6 − ½ p (I3−1) dV less the work of
-    the loads. conditions: `Stretch`, `Displacement`, `Planar`, `Traction`, `Pressure`, `Spring`; what is not prescribed
+    the loads. conditions: ties such as `Stretch` and `Displacement` (of a face and axis that a support holds: it moves
+    the support), `Traction`, `Pressure`, `BodyForce`, `Spring`, `Volume`; what is not prescribed
     is free. The path starts at the state A without load, or at `start`, another state C of this scene (the next step of
     a cycle): loads, tensions and activation then move together from those of `start` to the new ones, and what `start`
     was held by fades. A body can have several states C under one load; where the path starts decides which is found.
@@ -86,27 +87,29 @@ def load(
         if not isinstance(c, Condition):
             raise TypeError(
                 "a condition must be Stretch, Displacement, Planar, Uniform, Proportional, Homogeneous, Traction, "
-                f"Pressure or Spring; got {c!r}"
+                f"Pressure, BodyForce, Volume or Spring; got {c!r}"
             )
     scene, origin = state.scene, state if start is None else start
-    loads = tuple(c for c in conditions if not isinstance(c, Tie))
+    loads = tuple(c for c in conditions if not isinstance(c, Tie | Volume))
+    walls, volumes = surface.cavities(scene.mesh, [c for c in conditions if isinstance(c, Volume)])
     ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
-    system = loading(scene, ties, surfaces, (origin.status, state.status, conditions))
+    system = loading(scene, ties, surfaces, walls, (origin.status, state.status, conditions))
     none = jnp.zeros(system.size)
-    end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, imbalance=none)
+    end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, volumes=volumes)
+    end = end._replace(imbalance=none)
     # At the start of the path the body is where it was: what the ties cannot express of that is an offset that fades.
     u = origin.u.reshape(-1)
     z_u = unknowns(system, u, ties.offset)
-    begin = origin.inputs._replace(
-        T_f=origin.T_f, T_cf=origin.T_cf, offset=held(system, u, z_u), loads=before, imbalance=none
-    )
+    begin = origin.inputs._replace(T_f=origin.T_f, T_cf=origin.T_cf, offset=held(system, u, z_u), loads=before)
+    begin = begin._replace(volumes=enclosed(system, origin.u), imbalance=none)
     stretches = [
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
     good = (state.converged, origin.converged, surface.springs_are_valid(after))
     valid = jnp.all(jnp.stack([checks.tree_is_finite(end), *good, *stretches]))
-    z = jnp.concatenate([z_u, origin.p])
+    same = len(origin.cavity_pressures) == len(walls)
+    z = jnp.concatenate([z_u, origin.p, origin.cavity_pressures if same else jnp.zeros(len(walls))])
     if start is not None:
         begin = begin._replace(imbalance=residual(system, z, begin))
     return _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
@@ -141,13 +144,18 @@ def contraction(
     constraints.check_at_rest(scene, system, a_over_D, soft=weave_stiffness is not None)
     system = jax.tree.map(jnp.asarray, system)
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
-    inputs = Inputs(constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, none)
+    inputs = Inputs(
+        constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, jnp.zeros(0), none
+    )
     return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
 
 
-def loading(scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray], traced: Any) -> System:
-    """The system of a state C, dense if any of its inputs is traced."""
-    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces, large=_is_large(ties, traced))
+def loading(
+    scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray], walls: Sequence[np.ndarray], traced: Any
+) -> System:
+    """The system of a state C, dense if any of its inputs is traced; walls: of cavities of prescribed volume."""
+    large = _is_large(ties, traced)
+    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces, cavities=walls, large=large)
     constraints.check_at_rest(scene, system, None, soft=False)
     return jax.tree.map(jnp.asarray, system)
 
@@ -155,6 +163,12 @@ def loading(scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray], traced: A
 def _is_large(ties: Ties, *inputs: Any) -> bool:
     """Whether the body is solved by sparse factors: it has many unknowns, and no input is traced."""
     return ties.size > LARGE and not checks.is_traced((ties.offset, inputs))
+
+
+def enclosed(system: System, u: Array) -> Array:
+    """The volumes (n_cavities,) [mm³] of the cavities at displacements u (n_nodes, 3)."""
+    each = [surface.enclosed(system.coordinates, wall, system.points + u) for wall in system.cavities]
+    return jnp.stack(each) if each else jnp.zeros(0)
 
 
 def unknowns(system: System, u: Array, offset: Array) -> Array:
@@ -205,7 +219,8 @@ def residual(system: System, z: Array, inputs: Inputs) -> Array:
 
 @partial(jax.jit, static_argnames=("settings",))
 def _follow(system: System, *path: Any, settings: Settings) -> continuation.Solution:
-    return continuation.follow(Dense.of(system), *path, settings)
+    z, start, end, valid, from_rest = path
+    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
 
 
 def follow(
@@ -219,8 +234,10 @@ def follow(
         return _follow(system, z, start, end, valid, from_rest, settings=settings)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
-    lin, host = Sparse.of(system), (np.array(z), start, end, np.asarray(valid), np.asarray(from_rest))
-    return jax.tree.map(jnp.asarray, continuation.follow(lin, *host, settings))
+    lin = Sparse.of(system)
+    at: Any = np.array(z)
+    flags: Any = (np.asarray(valid), np.asarray(from_rest))
+    return jax.tree.map(jnp.asarray, continuation.follow(lin, at, start, end, flags[0], flags[1], settings))
 
 
 def _solve(
@@ -253,7 +270,8 @@ def as_state(scene: Scene, system: System, s: continuation.Solution, conditions:
         conditions=conditions,
         u=system.displacements(s.z, s.inputs),
         p=p_and_q[: system.n_p],
-        q=p_and_q[system.n_p :] if system.weave else None,
+        q=p_and_q[system.n_p : system.n_p + system.n_q] if system.weave else None,
+        cavity_pressures=system.pressures(s.z),
         status=s.status,
         reached=s.reached,
         residual=s.residual,

@@ -5,9 +5,9 @@ With p on one element, A + BᵀWB has the pattern of A, and one factorisation of
     [A  Bᵀ] [u]   [a]
     [B   D] [m] = [b]        u = Â⁻¹ (a + BᵀW b),  m = W (B u − b),   Â = A + BᵀWB,  W = (V/γ − D)⁻¹
 
-up to a remainder of 1/γ, which a few Krylov iterations on the saddle system itself remove. The same factors serve as the
-preconditioner of the next Newton steps, as long as that takes few iterations; the residual that counts is always that
-of the saddle system. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
+up to a remainder of 1/γ, which a few Krylov iterations on the saddle system itself remove. The same factors serve as
+the preconditioner of the next Newton steps, as long as that takes few iterations; the residual that counts is always
+that of the saddle system. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
 """
 
 import time
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
-from jaxmyo import factor, linear
+from jaxmyo import checks, factor, linear
 from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
@@ -32,7 +32,7 @@ from jaxmyo.linear import At, Scales
 AUGMENTATION = 1e4  # γ over the stiffness of the body
 FEW = 20  # Krylov iterations with factors of an earlier tangent
 MANY = 60  # and with its own
-NEAR = 2e-3  # strain between two states whose tangents have one inertia [–]
+NEAR = 2e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,8 @@ class Tangent:
     """The saddle matrix at one state z.
 
     data: (nnz,) upper triangle of A + BᵀWB; loads: (n_u, n_u) derivative of the loads, which A leaves out, or None;
-    B: (n_m, n_u); D, W: (n_m,); diagonal: (n_u,) of A less the loads.
+    B: (n_m, n_u); D, W: (n_m,); walls: (n_cavities, n_u) coupling with the pressures in cavities; diagonal: (n_u,) of A
+    less the loads.
     """
 
     z: Floats
@@ -52,7 +53,8 @@ class Tangent:
     B: sp.csr_matrix
     D: Floats
     W: Floats
-    diagonal: Floats
+    walls: Floats
+    diagonal: Any
 
 
 class Sparse:
@@ -89,22 +91,27 @@ class Sparse:
             self._is_inside[own] = alone
         self._metric = self._metric_data()
         self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
-        self._volume = self.scale.volume[n_u:]
+        self._volume = np.asarray(self.scale.volume)[n_u : n_u + self.n_m]
         self._gamma = AUGMENTATION
         self.factors = factor.solver(self.pattern)
         self._factored: Tangent | None = None
         self._stiffened = False
+        self._compared: Tangent | None = None
+        self._apart = np.inf
+        self._known: tuple[Floats, Inputs, At] | None = None  # a path often begins where the last one ended
         self._counts = dict.fromkeys(("assemblies", "factorisations", "inner solves", "inner iterations"), 0)
         self._seconds = dict.fromkeys(("assembly", "factorisation", "inner solves"), 0.0)
 
     @classmethod
     def of(cls, system: System) -> "Sparse":
         """As the last call gave it, with its pattern, ordering and factors, if the system is the same."""
-        global _last
-        if _last is None or not _same(_last.system, system):
-            _last = None  # the factors of one large body at a time
-            _last = cls(system)
-        return _last
+        for k, known in enumerate(_known):
+            if _equal(known.system, system):
+                _known.append(_known.pop(k))
+                return known
+        del _known[: len(_known) - 1]  # A and C of one body at a time, for the memory of their factors
+        _known.append(cls(system))
+        return _known[-1]
 
     def _metric_data(self) -> Floats:
         """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
@@ -127,6 +134,8 @@ class Sparse:
         volume = np.bincount(index[moves], each[moves], minlength=self.system.size)
         for own in patch.T:
             volume += np.bincount(n_u + own, size, minlength=len(volume))
+        if self.system.cavities:
+            volume[-len(self.system.cavities) :] = linear.cavity_scales(self.system)
         unit = np.ones(len(volume))
         unit[:n_u] = np.sqrt(volume[:n_u] / diagonal)
         return Scales(unit, volume)  # type: ignore[arg-type]
@@ -147,9 +156,11 @@ class Sparse:
 
     def at(self, z: Floats, inputs: Inputs) -> At:
         """The residual (n,) and the tangent at z."""
-        self._counts["assemblies"] += 1
-        with self._timed("assembly"):
-            return self._assembled(z, inputs)
+        if self._known is None or not _equal(self._known[:2], (z, inputs)):
+            self._counts["assemblies"] += 1
+            with self._timed("assembly"):
+                self._known = (z, inputs, self._assembled(z, inputs))
+        return self._known[2]
 
     def _assembled(self, z: Floats, inputs: Inputs) -> At:
         s, a, n_u = self.system, self.assembly, self.system.n_u
@@ -176,12 +187,13 @@ class Sparse:
             outside = (coupling.T @ sp.diags(W - inside) @ coupling).tocoo()
             upper = outside.row <= outside.col
             np.add.at(data, self.pattern.find(outside.row[upper], outside.col[upper]), outside.data[upper])
-        loads = None
-        if s.surfaces:
-            forces, loads = a.loads(u, inputs)
+        loads, walls = None, np.zeros((0, n_u))
+        if a.loaded:
+            forces, loads, volumes, by_u = a.loads(u, z, inputs)
             r -= forces
-            diagonal = diagonal - loads.diagonal()
-        K = Tangent(z, data, loads, coupling, D, W, diagonal)
+            r[n_u + self.n_m :] += np.asarray(inputs.volumes) - volumes
+            diagonal, walls = diagonal - loads.diagonal(), -by_u
+        K = Tangent(z, data, loads, coupling, D, W, walls, diagonal)
         return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)
 
     def _displacements(self, z: Floats, inputs: Inputs) -> Floats:
@@ -228,7 +240,13 @@ class Sparse:
 
     def _is_near(self, K: Tangent) -> bool:
         assert self._factored is not None
-        return self._factored is K or bool(self.strain_of(self._factored.z - K.z)[0] <= NEAR)
+        if self._factored is K:
+            return True
+        if self._compared is not K:
+            apart = self._factored.z - K.z
+            stress = np.max(np.abs(apart[self.system.n_u :]), initial=0.0)
+            self._compared, self._apart = K, float(self.strain_of(apart)[0]) + AUGMENTATION * stress / self._gamma
+        return self._apart <= NEAR
 
     def _factorise(self, K: Tangent, mu: float) -> None:
         """Factors of K, or of K + μ·metric where K is singular."""
@@ -238,7 +256,8 @@ class Sparse:
             self._stiffened = mu > 0.0 and self.factors.inertia[1] > 0
             if self._stiffened:
                 self.factors.factorise(self._symmetric(K, mu))
-        self._factored = K
+        self._by_walls = np.stack([self.factors.solve(w) for w in K.walls], 1) if len(K.walls) else K.walls.T
+        self._factored, self._compared = K, None
         # The next tangents are augmented in proportion to the stiffness that this one has.
         weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
         self._gamma = AUGMENTATION * float(np.max(np.abs(K.diagonal) * weigh))
@@ -270,17 +289,20 @@ class Sparse:
         lower, diagonal = upper.T, upper.diagonal()
 
         def apply(x: Floats) -> Floats:
-            u, m = x[:n_u], x[n_u:]
+            u, m, P = x[:n_u], x[n_u : n_u + self.n_m], x[n_u + self.n_m :]
             Bu = K.B @ u
-            forces = upper @ u + lower @ u - diagonal * u + K.B.T @ (m - K.W * Bu)
+            forces = upper @ u + lower @ u - diagonal * u + K.B.T @ (m - K.W * Bu) + P @ K.walls
             if K.loads is not None:
                 forces -= K.loads @ u
-            return np.concatenate([forces, Bu + K.D * m])
+            return np.concatenate([forces, Bu + K.D * m, K.walls @ u])
 
         def precondition(x: Floats) -> Floats:
             self._counts["inner iterations"] += 1
-            u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * x[n_u:]))
-            return np.concatenate([u, M.W * (M.B @ u - x[n_u:])])
+            m = x[n_u : n_u + self.n_m]
+            u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * m))
+            P = np.linalg.solve(M.walls @ self._by_walls, M.walls @ u - x[n_u + self.n_m :])
+            u -= self._by_walls @ P
+            return np.concatenate([u, M.W * (M.B @ u - m), P])
 
         self._counts["inner solves"] += 1
         with self._timed("inner solves"), _BLAS.limit(limits=1):  # its threads only wait for each other here
@@ -290,12 +312,17 @@ class Sparse:
             return x, bool(np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b))
 
 
-_last: Sparse | None = None
+_known: list[Sparse] = []
 
 
-def _same(a: System, b: System) -> bool:
-    """Whether two systems are equal, number by number."""
-    if jax.tree.structure(a) != jax.tree.structure(b):
+def forget() -> None:
+    """Free the patterns and factors that are kept for the next solve."""
+    _known.clear()
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Whether two pytrees are equal, number by number."""
+    if not checks.same_structure(a, b):
         return False
     return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
 

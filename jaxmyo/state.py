@@ -44,13 +44,14 @@ class State:
     scene: the `Scene`; system: the discrete problem; inputs: constants, T0, a/D, β, tensions, loads of this state;
     conditions: the tractions, pressures and springs that `load` was given; u: (n_nodes, 3) displacements θ − Θ in the
     world coordinates [mm, rad]; p: (n_p,) pressure [kPa], one per patch (by default per element); q: (n_q,) weave
-    multiplier [kPa], likewise, None without the weave; status: see `Status`; reached: the fraction of the load at which
+    multiplier [kPa], likewise, None without the weave; cavity_pressures: (n,) [kPa], one per
+    `Volume`; status: see `Status`; reached: the fraction of the load at which
     the fields stand (1 if converged); residual: relative; force_residual [mN, mN·mm]; constraint_residual [–]; history:
     relative residuals of the last Newton loop, 0 beyond its end; steps, rejected, iterations: counts;
     negative_eigenvalues: of the second variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of
     the saddle matrix, > 0 where a mode has no stiffness; both −1 where an invalid input kept the solve from starting;
-    solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the seconds
-    of its parts.
+    solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the
+    seconds of its parts.
     """
 
     scene: Scene = field(metadata={"static": True})
@@ -60,6 +61,7 @@ class State:
     u: Array
     p: Array
     q: Array | None
+    cavity_pressures: Array
     status: Array
     reached: Array
     residual: Array
@@ -148,12 +150,19 @@ class State:
 
         They are conjugate to the world coordinates.
         """
-        return outputs.nodal_forces(self.system, self.u, self.second_piola_kirchhoff, self.inputs)
+        S, P = self.second_piola_kirchhoff, self.cavity_pressures
+        return outputs.nodal_forces(self.system, self.u, S, P, self.inputs)
 
     @_per_state
     def reaction(self, face: str) -> Array:
         """Sum (3,) of the supports' forces on the nodes of a named face [mN]; a moment [mN·mm] for an angle."""
         return jnp.sum(self.reactions[np.unique(self.scene.mesh.face(face))], axis=0)
+
+    @_per_state
+    def cavity_volume(self, face: str) -> Array:
+        """The volume [mm³] of the cavity whose wall is a named face, see `Pressure` with closed ends."""
+        mesh = self.scene.mesh
+        return surface.enclosed(mesh.coordinates, mesh.face(face), self.system.points + self.u)
 
     def mean(self, name: str) -> Array:
         """Volume mean of a field at the quadrature points by its name, e.g. mean("cauchy"): (3, 3) [kPa]."""

@@ -1,11 +1,13 @@
-"""Forces on faces: dead and follower tractions, pressure in deformed geometry, springs.
+"""Loads: dead and follower tractions, pressure in deformed geometry, springs, body forces; volumes of cavities.
 
-Each kind of load is one function of the deformed and the reference nodes of a quad. The forces are conjugate to the
+Each kind of load is one function of the deformed and the reference nodes of a quad (of a hexahedron, for body forces).
+The forces are conjugate to the
 world coordinates: mN for a length, mN·mm for an angle.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +16,15 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks
-from jaxmyo.conditions import Load, Pressure, Spring, Traction
-from jaxmyo.coordinates import Coordinates
+from jaxmyo.conditions import BodyForce, Load, Pressure, Spring, Traction, Volume
+from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.mesh import Mesh
 
 _XI, _W = gauss(2, 2)
 _N, _DN = shape(_XI), shape_gradient(_XI)
+_XI3, _W3 = gauss(2, 2, 2)
+_N3, _DN3 = shape(_XI3), shape_gradient(_XI3)
 
 
 def normals(c: Coordinates, theta: Array) -> tuple[Array, Array]:
@@ -88,7 +92,14 @@ def cavity_volume(c: Coordinates, theta: Array) -> Array:
     return -0.5 * jnp.sum(jnp.asarray(_W) * jnp.sum((x * normal)[:, :2], axis=-1))
 
 
-#: kind of load → (coordinates, deformed nodes θ (4, 3), reference nodes Θ (4, 3), value) ↦ forces (4, 3).
+def _body(c: Coordinates, theta: Array, reference: Array, vector: Array) -> Array:
+    jacobian = jnp.einsum("ai,gaj->gij", reference, jnp.asarray(_DN3))
+    scale_factors = jnp.prod(jax.vmap(c.g)(jnp.asarray(_N3) @ reference), axis=-1)
+    volume = jnp.linalg.det(jacobian) * scale_factors * jnp.asarray(_W3)
+    return jnp.asarray(_N3).T @ (volume[:, None] * vector[None] * jax.vmap(c.g)(jnp.asarray(_N3) @ theta))
+
+
+#: kind of load → (coordinates, deformed nodes θ (4 or 8, 3), reference nodes Θ, value) ↦ forces (4 or 8, 3).
 FORCES: dict[str, Callable[[Coordinates, Array, Array, Array], Array]] = {
     "nominal": _nominal,
     "cauchy": _cauchy,
@@ -96,18 +107,20 @@ FORCES: dict[str, Callable[[Coordinates, Array, Array, Array], Array]] = {
     "closed": _closed,
     "spring": _spring,
     "normal spring": _normal_spring,
+    "body": _body,
 }
 
 
 def build(mesh: Mesh, loads: Sequence[Load | Spring]) -> tuple[dict[str, NDArray[np.int64]], dict[str, Array]]:
     """The quads (n, 4) and the values, (n, 3) or (n,) [kPa, kPa/mm], of each kind of load that acts on a mesh.
 
-    Errors name the load: unknown faces and kinds, values that are not finite or of the wrong shape, springs < 0.
+    For body forces the hexahedra (n, 8) instead of the quads. Errors name the load: unknown faces and kinds, values
+    that are not finite or of the wrong shape, springs < 0.
     """
     quads: dict[str, list[NDArray[np.int64]]] = {}
     values: dict[str, list[Array]] = {}
     for load in loads:
-        own = mesh.face(load.face)
+        own = _loaded(mesh, load)
         kind, value = _kind_and_value(load)
         quads.setdefault(kind, []).append(own)
         values.setdefault(kind, []).append(jnp.broadcast_to(value[None], (len(own), *value.shape)))
@@ -123,9 +136,9 @@ def values(mesh: Mesh, conditions: Sequence[Load | Spring], loads: Mapping[str, 
     found = []
     for c in reversed(conditions):
         kind, _ = _kind_and_value(c)
-        beyond[kind] -= len(mesh.face(c.face))
+        beyond[kind] -= len(_loaded(mesh, c))
         numbers = " ".join(f"{x:.7g}" for x in np.ravel(np.asarray(loads[kind][beyond[kind]])) + 0.0)
-        found.append(f"{_name(c)} {numbers} {'kPa/mm' if isinstance(c, Spring) else 'kPa'}")
+        found.append(f"{_name(c)} {numbers} {'kPa' if isinstance(c, Traction | Pressure) else 'kPa/mm'}")
     return found[::-1]
 
 
@@ -135,7 +148,16 @@ def springs_are_valid(loads: Mapping[str, Array]) -> Array:
     return jnp.all(jnp.stack([jnp.array(True), *stiffness]))
 
 
+def _loaded(mesh: Mesh, load: Load | Spring) -> NDArray[np.int64]:
+    """The quads, or the hexahedra, that a load acts on."""
+    if isinstance(load, BodyForce):
+        return mesh.cells if load.region is None else mesh.cells[mesh.region(load.region)]
+    return mesh.face(load.face)
+
+
 def _kind_and_value(load: Load | Spring) -> tuple[str, Array]:
+    if isinstance(load, BodyForce):
+        return "body", _value(load, load.vector, (3,), "kPa/mm = mN/mm³")
     if isinstance(load, Traction):
         return checks.choice("measure", load.measure, ["nominal", "cauchy"]), _value(load, load.vector, (3,), "kPa")
     if isinstance(load, Pressure):
@@ -156,25 +178,72 @@ def _value(load: Load | Spring, value: Any, shape: tuple[int, ...], unit: str) -
 
 
 def _name(load: Load | Spring) -> str:
+    if isinstance(load, BodyForce):
+        return "BodyForce" if load.region is None else f"BodyForce({load.region!r})"
     return f"{type(load).__name__}({load.face!r})"
 
 
-def nodal_forces(
-    coordinates: Coordinates, surfaces: Mapping[str, Array], loads: Mapping[str, Array], theta: Array, reference: Array
-) -> Array:
+def cavities(mesh: Mesh, conditions: Sequence[Volume]) -> tuple[tuple[NDArray[np.int64], ...], Array]:
+    """The quads (n, 4) of the walls of cavities, and the volumes (n_cavities,) [mm³] that they are to enclose."""
+    found, wanted = [], []
+    for condition in conditions:
+        name = f"Volume({condition.face!r})"
+        quads = mesh.face(condition.face)
+        at_rest = float(enclosed(mesh.coordinates, quads, mesh.points))
+        if at_rest <= 1e-9 * float(np.ptp(evaluate(mesh.coordinates.position, mesh.points), axis=0).prod()):
+            raise ValueError(
+                f"{name}: the face encloses {at_rest:.3g} mm³ in the zero-stress state (must be > 0); it must be the "
+                "whole wall of a cavity, up to caps normal to z and symmetry planes"
+            )
+        value = condition.value
+        if not checks.is_traced(value) and not float(checks.concrete(name, value, ())) > 0.0:
+            raise ValueError(f"{name}: value = {value} must be > 0 (mm³; {at_rest:.6g} in the zero-stress state)")
+        found.append(quads)
+        wanted.append(jnp.asarray(value, dtype=float))
+    return tuple(found), jnp.stack(wanted) if wanted else jnp.zeros(0)
+
+
+def enclosed(c: Coordinates, quads: Any, theta: Any) -> Array:
+    """The volume [mm³] of the cavity whose wall are the quads (n, 4) of nodes with coordinates θ (n_nodes, 3)."""
+    return jnp.sum(_cavity_volumes(c, jnp.asarray(theta)[quads]))
+
+
+@partial(jax.jit, static_argnums=0)
+def _cavity_volumes(c: Coordinates, theta: Array) -> Array:
+    return jax.vmap(lambda nodes: cavity_volume(c, nodes))(theta)
+
+
+class Loads(NamedTuple):
+    """All loads of one kind, or of one cavity: on quads (n, 4) or hexahedra (n, 8), with values (n, ...)."""
+
+    kind: str
+    nodes: Array
+    values: Array
+
+
+def every(
+    surfaces: Mapping[str, Array], loads: Mapping[str, Array], cavities: Sequence[Array], pressures: Any
+) -> list[Loads]:
+    """The loads by kind, and the pressure (n_cavities,) [kPa] in each cavity."""
+    on_walls = [Loads("closed", w, jnp.broadcast_to(p, len(w))) for w, p in zip(cavities, pressures, strict=True)]
+    return [Loads(kind, nodes, loads[kind]) for kind, nodes in surfaces.items()] + on_walls
+
+
+def nodal_forces(c: Coordinates, loads: Sequence[Loads], theta: Array, reference: Array) -> Array:
     """The sum of all loads at the nodes (n_nodes, 3) [mN, mN·mm]; theta, reference: (n_nodes, 3) coordinates."""
     total = jnp.zeros(theta.shape)
-    for kind, quads in surfaces.items():
-        total = total.at[quads].add(quad_forces(coordinates, kind, theta[quads], reference[quads], loads[kind]))
+    for kind, nodes, values in loads:
+        total = total.at[nodes].add(forces(c, kind, theta[nodes], reference[nodes], values))
     return total
 
 
-def quad_forces(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
-    """Forces (n, 4, 3) of one kind of load on n quads with nodes (n, 4, 3)."""
-    return jax.vmap(lambda *quad: FORCES[kind](c, *quad))(theta, reference, values)
+def forces(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
+    """Forces (n, 4 or 8, 3) of one kind of load on n quads or hexahedra with nodes (n, 4 or 8, 3)."""
+    return jax.vmap(lambda *one: FORCES[kind](c, *one))(theta, reference, values)
 
 
-def quad_tangents(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
-    """Their derivatives (n, 12, 12) by the nodal coordinates."""
-    by_theta = jax.vmap(lambda *quad: jax.jacfwd(lambda nodes: FORCES[kind](c, nodes, *quad[1:]))(quad[0]))
-    return by_theta(theta, reference, values).reshape(-1, 12, 12)
+def tangents(c: Coordinates, kind: str, theta: Array, reference: Array, values: Array) -> Array:
+    """Their derivatives (n, 12 or 24, 12 or 24) by the nodal coordinates."""
+    by_theta = jax.vmap(lambda *one: jax.jacfwd(lambda nodes: FORCES[kind](c, nodes, *one[1:]))(one[0]))
+    n = 3 * theta.shape[1]
+    return by_theta(theta, reference, values).reshape(-1, n, n)

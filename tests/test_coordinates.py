@@ -191,7 +191,7 @@ def no_inputs(system: System, constants: Any) -> Inputs:
     none = jnp.zeros(system.weight.shape)
     zero = jnp.zeros(())
     offset = jnp.zeros(system.points.size)
-    return Inputs(constants, zero, zero, zero, zero, none, none, offset, {}, jnp.zeros(system.size))
+    return Inputs((constants,), zero, zero, zero, zero, none, none, offset, {}, jnp.zeros(0), jnp.zeros(system.size))
 
 
 @pytest.mark.parametrize("c", CURVED)
@@ -322,7 +322,7 @@ def body(c: Coordinates, weave: bool) -> Body:
     z = np.concatenate([u.ravel(), rng.uniform(-3.0, 3.0, system.size - u.size)])
     T_f, T_cf = rng.uniform(-5.0, 5.0, (2, *system.weight.shape)) * (0.0 if weave else 1.0)
     values = (T0, A_OVER_D, BETA, SOFTNESS * weave, T_f, T_cf, np.zeros(u.size))
-    inputs = Inputs(s.constants, *(jnp.asarray(v) for v in values), {}, jnp.zeros(system.size))
+    inputs = Inputs((s.constants,), *(jnp.asarray(v) for v in values), {}, jnp.zeros(0), jnp.zeros(system.size))
     return Body(mesh, frames, system, inputs, z)
 
 

@@ -58,7 +58,7 @@ def body(weave: bool, measure: str | None = None) -> Body:
     vector = measure in ("nominal", "cauchy")
     loads = {k: jnp.asarray(rng.uniform(-2.0, 2.0, (len(q), 3) if vector else len(q))) for k, q in surfaces.items()}
     values = (T0, A_OVER_D, BETA, 0.02 * weave, T_f, T_cf, np.zeros(u.size))
-    inputs = Inputs(scene.constants, *(jnp.asarray(v) for v in values), loads, jnp.zeros(system.size))
+    inputs = Inputs((scene.constants,), *(jnp.asarray(v) for v in values), loads, jnp.zeros(0), jnp.zeros(system.size))
     return Body(system, inputs, z)
 
 
@@ -269,7 +269,7 @@ def test_patch_a_homogeneous_state_is_in_equilibrium_on_any_mesh(weave: bool, or
     z = np.concatenate([((a.stretches - 1.0) * mesh.points).ravel(), np.full(n_e, a.p), np.full(n_e * weave, a.q)])
     none = jnp.zeros(system.weight.shape)
     values = (35.0, 0.2, 1.0, 0.0, none, none, np.zeros(mesh.points.size))
-    inputs = Inputs(scene.constants, *(jnp.asarray(v) for v in values), {}, jnp.zeros(system.size))
+    inputs = Inputs((scene.constants,), *(jnp.asarray(v) for v in values), {}, jnp.zeros(0), jnp.zeros(system.size))
     residual = np.asarray(residual_of(system, z, inputs))
     assert np.abs(residual).max() <= 1e-10
 

@@ -269,7 +269,9 @@ def inputs_of(scene: jm.Scene, system: System, softness: float = 0.0) -> Inputs:
     none, zero = jnp.zeros(system.weight.shape), jnp.zeros(())
     offset = jnp.zeros(system.points.size)
     constants, soft = scene.constants, jnp.array(softness)
-    return Inputs(constants, zero, jnp.array(0.2), zero, soft, none, none, offset, {}, jnp.zeros(system.size))
+    return Inputs(
+        (constants,), zero, jnp.array(0.2), zero, soft, none, none, offset, {}, jnp.zeros(0), jnp.zeros(system.size)
+    )
 
 
 @pytest.mark.parametrize(("make", "weave"), RANKED)

@@ -77,7 +77,7 @@ def write(path: Path, mesh: Mesh) -> None:
 
 def _meshio(path: Path) -> ModuleType:
     try:
-        import meshio  # type: ignore[import-untyped]
+        import meshio
 
         if path.suffix == ".xdmf":
             import_module("h5py")  # meshio reads and writes no XDMF without it

@@ -25,8 +25,8 @@ DEFAULT_SET = "table1"
 def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
     """Compute and write everything; 0, or 1 with a message on stderr. `started`: of `time.perf_counter` [s]."""
     try:
-        import meshio  # type: ignore[import-untyped]  # noqa: F401  (used at the end, missed at the beginning)
-        from tqdm import tqdm  # type: ignore[import-untyped]
+        import meshio  # noqa: F401  (used at the end, missed at the beginning)
+        from tqdm import tqdm
 
         from jaxmyo.paper import figures, tube_output
     except ModuleNotFoundError as error:

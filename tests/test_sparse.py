@@ -1,0 +1,99 @@
+"""The sparse solver against the dense one: the same states, whatever ties, loads, multipliers and coordinates."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmyo as jm
+from jaxmyo import factor, solve, sparse
+from jaxmyo.conditions import BodyForce, Volume
+
+
+def neo_hookean(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
+    """½ μ (I1 − 3) + ½ k (I4 − 1)² [kPa]; no stress at rest but a pressure."""
+    i4 = frame[0] @ C @ frame[0]
+    return 0.5 * constants["mu"] * (jnp.trace(C) - 3.0) + 0.5 * constants["k"] * (i4 - 1.0) ** 2
+
+
+SOFT = {"mu": 10.0, "k": 5.0}
+SYMMETRIES = (jm.Symmetry("x"), jm.Symmetry("y"), jm.Symmetry("z"))
+
+
+def block(**options: Any) -> jm.Scene:
+    mesh = jm.box((1.0, 1.2, 0.8), (3, 2, 2))
+    return jm.Scene(mesh, neo_hookean, SOFT, **({"supports": SYMMETRIES} | options))
+
+
+def weave_and_stretch(q_patches: Any = None, p_patches: Any = None) -> list[jm.State]:
+    mesh = jm.box((10.0, 10.0, 1.0), (3, 3, 2))
+    patches = {"q_patches": q_patches(mesh) if q_patches else None, "p_patches": p_patches(mesh) if p_patches else None}
+    scene = jm.Scene(mesh, jm.lin_yin, jm.TABLE1, supports=SYMMETRIES, **patches)
+    A = jm.contract(scene, T0=5.0, a_over_D=0.2)
+    return [A, jm.load(A, jm.Stretch("x", 1.1), jm.Traction("y1", (0.0, 0.5, 0.0)))]
+
+
+def follower_loads() -> list[jm.State]:
+    scene = block(supports=(*SYMMETRIES, jm.Spring("y1", 3.0, direction="normal")))
+    A = jm.contract(scene, T0=4.0, a_over_D=None)
+    loads = (jm.Pressure("z1", 2.0), jm.Traction("x1", (3.0, 0.5, 0.0), measure="cauchy"), BodyForce((1.0, 0.0, -2.0)))
+    return [A, jm.load(A, *loads)]
+
+
+def tube_in_its_coordinates() -> list[jm.State]:
+    tube = jm.tube_sector((3, 2, 2), q_patches="column")
+    A = jm.contract(tube, T0=5.0, a_over_D=0.2)
+    return [A, jm.load(A, jm.Pressure("inner", 4.0))]
+
+
+def filled_tube() -> list[jm.State]:
+    tube = jm.axisymmetric_tube((3, 3), law=neo_hookean, constants=SOFT)
+    A = jm.contract(tube, T0=0.0, a_over_D=None)
+    first = jm.load(A, Volume("inner", 1.3 * float(A.cavity_volume("inner"))))
+    return [A, first, jm.load(A, Volume("inner", 1.5 * float(A.cavity_volume("inner"))), start=first)]
+
+
+CASES: dict[str, Callable[[], list[jm.State]]] = {
+    "one q per element": weave_and_stretch,
+    "one q per column": lambda: weave_and_stretch(lambda mesh: jm.columns(mesh, "z")),
+    "p and q in blocks": lambda: weave_and_stretch(lambda mesh: jm.blocks(mesh), lambda mesh: jm.columns(mesh, "z")),
+    "follower loads, springs and body forces": follower_loads,
+    "curved coordinates": tube_in_its_coordinates,
+    "a cavity of prescribed volume": filled_tube,
+}
+
+
+@pytest.fixture(params=["Pardiso", "SuperLU"])
+def direct(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Both factorisations, in turn."""
+    if request.param == "SuperLU":
+        monkeypatch.setattr(factor, "solver", factor._SuperLU)
+    else:
+        pytest.importorskip("pypardiso")
+    sparse.forget()
+    yield request.param
+    sparse.forget()
+
+
+@pytest.fixture(scope="module")
+def dense() -> dict[str, list[jm.State]]:
+    return {}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_states_are_those_of_the_dense_solver(
+    case: str, direct: str, dense: dict[str, list[jm.State]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if case not in dense:
+        dense[case] = CASES[case]()
+    monkeypatch.setattr(solve, "LARGE", 0)
+    for state, reference in zip(CASES[case](), dense[case], strict=True):
+        assert (state.solver, reference.solver) == (direct, "dense LU")
+        assert state.converged
+        assert float(state.residual) <= 1e-13
+        for name in ("u", "p", "q", "cavity_pressures", "T_f", "T_cf"):
+            if getattr(reference, name) is not None:
+                np.testing.assert_allclose(getattr(state, name), getattr(reference, name), atol=2e-9, err_msg=name)
+        assert int(state.negative_eigenvalues) == int(reference.negative_eigenvalues)
