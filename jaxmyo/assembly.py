@@ -254,17 +254,10 @@ class Assembly:
         self.local = np.asarray(system.local_multipliers)
         n_e, self.count = len(cells), min(CHUNK, -(-len(cells) // BLOCK) * BLOCK)
         self._ids = [np.arange(i, min(i + self.count, n_e)) for i in range(0, n_e, self.count)]
-        whole = Elements(
-            system.cells,
-            system.dN,
-            system.weight,
-            system.frame,
-            system.theta,
-            system.inverse_g,
-            system.material,
-            jnp.asarray(self.scale),
-        )
-        self._elements = [self._of(whole, self._padded(ids)) for ids in self._ids]
+        arrays = [np.asarray(getattr(system, name)) for name in Elements._fields[:-1]]
+        self._elements = [
+            Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self._ids
+        ]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
         own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
@@ -277,15 +270,11 @@ class Assembly:
         """The elements of a chunk; the last one is filled up with repetitions."""
         return np.concatenate([ids, np.full(self.count - len(ids), ids[-1])])
 
-    @staticmethod
-    def _of(whole: Elements, ids: Ints) -> Elements:
-        return jax.tree.map(lambda x: x[ids], whole)
-
     def _cut(self, inputs: Inputs, ids: Ints) -> Inputs:
         """The inputs of a chunk."""
-        i = self._padded(ids)
         none: Any = np.zeros(0)
-        cut = inputs._replace(T_f=inputs.T_f[i], T_cf=inputs.T_cf[i], offset=none)
+        tensions: Any = [np.asarray(T)[self._padded(ids)] for T in (inputs.T_f, inputs.T_cf)]
+        cut = inputs._replace(T_f=tensions[0], T_cf=tensions[1], offset=none)
         return cut._replace(loads={}, volumes=none, imbalance=none)
 
     def terms(

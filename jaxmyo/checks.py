@@ -89,7 +89,9 @@ def finite_tree(name: str, tree: Any) -> Any:
 
 
 def tree_is_finite(tree: Any) -> Array:
-    """Whether every number of a pytree is finite, as a traced boolean."""
+    """Whether every number of a pytree is finite, as a traced boolean where one is traced."""
+    if not is_traced(tree):  # no JAX: each shape would be compiled
+        return jnp.array(all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree)))
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)] or [jnp.array(True)]))
 
 

@@ -21,16 +21,23 @@ def describe(scene: Scene) -> str:
             f"Scene of {n_e} hexahedr{'on' if n_e == 1 else 'a'}{grid}, Q1–Q0, {orders} Gauss points each",
             f"  coordinates: {c.name} {axes}; F in their local orthonormal bases",
             f"  law: {law}; {_fibres(scene)}",
+            *(f"  region {name}: {_material(scene, name)}" for name in scene.regions),
             f"  displacements: {ties.size} unknown of {ties.scale.size} nodal ones ({_per_component(scene, ties)})",
             *(f"  tie: {_tie(t)}" for t in scene.supports if isinstance(t, Tie)),
             *(f"  spring: {s}, energy ½ k u² per area" for s in scene.springs),
             f"  pressure p: {n_p}, {_patches(scene.p_patches)}, I3 = 1 in the mean of each",
             f"  weave q: {n_q}, {_patches(scene.q_patches)}, in state A only, where contract() is given a_over_D",
-            "  loads: none in state A; state C has those that load() is given, on the faces "
-            + ", ".join(sorted(mesh.faces)),
-            f"  left out: {'; '.join([*_left_out(scene), 'inertia, viscosity, body forces, compressibility'])}",
+            "  loads: none in state A; state C has those that load() is given, on the body "
+            "and on the faces " + ", ".join(sorted(mesh.faces)),
+            f"  left out: {'; '.join([*_left_out(scene), 'inertia, viscosity, compressibility'])}",
         ]
     )
+
+
+def _material(scene: Scene, name: str) -> str:
+    m, n = scene.regions[name], len(scene.mesh.region(name))
+    left_out = [word for word, acts in (("passive", m.active), ("without the weave", m.weave)) if not acts]
+    return ", ".join([f"{n} elements of {getattr(m.law, '__name__', repr(m.law))}", *left_out])
 
 
 def _fibres(scene: Scene) -> str:

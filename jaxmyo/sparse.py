@@ -28,10 +28,8 @@ from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
+from jaxmyo.ties import rigid_unknowns
 
-AUGMENTATION = 1e4  # γ over the stiffness of the body
-FEW = 20  # Krylov iterations with factors of an earlier tangent
-MANY = 60  # and with its own
 NEAR = 2e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
@@ -92,8 +90,8 @@ class Sparse:
         self._metric = self._metric_data()
         self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
         self._volume = np.asarray(self.scale.volume)[n_u : n_u + self.n_m]
-        self._gamma = AUGMENTATION
-        self.factors = factor.solver(self.pattern)
+        self.factors = factor.solver(self.pattern, self._rigid)
+        self._stiffness = 1.0
         self._factored: Tangent | None = None
         self._stiffened = False
         self._compared: Tangent | None = None
@@ -141,9 +139,18 @@ class Sparse:
         return Scales(unit, volume)  # type: ignore[arg-type]
 
     @property
+    def _gamma(self) -> float:
+        return self.factors.augmentation * self._stiffness
+
+    def _rigid(self) -> Floats:
+        s, a = self.system, self.assembly
+        return rigid_unknowns(s.coordinates, np.asarray(s.points), a.tie_index, a.tie_scale, s.n_u)
+
+    @property
     def work(self) -> dict[str, Any]:
         """The counts and the seconds since the last time it was asked for."""
         work = {k: np.float64(v) for k, v in self._counts.items()}
+        work |= {k: np.float64(v) for k, v in self.factors.size.items()}
         work |= {f"{k} [s]": np.float64(v) for k, v in self._seconds.items()}
         self._counts, self._seconds = dict.fromkeys(self._counts, 0), dict.fromkeys(self._seconds, 0.0)
         return work
@@ -234,18 +241,19 @@ class Sparse:
 
     def near(self, K: Tangent) -> factor.Solver:
         """Factors that have the inertia of K: its own, or those of a state that is the same but for a small strain."""
-        if self._factored is None or self._stiffened or not self._is_near(K):
+        if self._factored is None or self._stiffened or not self._serves(K):
             self._factorise(K, 0.0)
         return self.factors
 
-    def _is_near(self, K: Tangent) -> bool:
+    def _serves(self, K: Tangent) -> bool:
+        """Whether the factors are those of K, of a tangent near by, or of a solver that gives no inertia."""
         assert self._factored is not None
-        if self._factored is K:
+        if self._factored is K or self.factors.inertia[0] < 0:
             return True
         if self._compared is not K:
             apart = self._factored.z - K.z
             stress = np.max(np.abs(apart[self.system.n_u :]), initial=0.0)
-            self._compared, self._apart = K, float(self.strain_of(apart)[0]) + AUGMENTATION * stress / self._gamma
+            self._compared, self._apart = K, float(self.strain_of(apart)[0]) + stress / self._stiffness
         return self._apart <= NEAR
 
     def _factorise(self, K: Tangent, mu: float) -> None:
@@ -260,7 +268,7 @@ class Sparse:
         self._factored, self._compared = K, None
         # The next tangents are augmented in proportion to the stiffness that this one has.
         weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
-        self._gamma = AUGMENTATION * float(np.max(np.abs(K.diagonal) * weigh))
+        self._stiffness = float(np.max(np.abs(K.diagonal) * weigh))
 
     def _symmetric(self, K: Tangent, mu: float) -> Floats:
         """The upper triangle (nnz,) of the symmetric part of A + BᵀWB + μ·metric, loads included."""
@@ -273,7 +281,7 @@ class Sparse:
 
     def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None, last: bool) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
-        if self._factored is None or (last and not self._is_near(K)):
+        if self._factored is None or (last and not self._serves(K)):
             self._factorise(K, mu)
         x, reached = self._krylov(K, mu, b, accuracy, guess)
         if not reached and self._factored is not K:
@@ -307,7 +315,7 @@ class Sparse:
         self._counts["inner solves"] += 1
         with self._timed("inner solves"), _BLAS.limit(limits=1):  # its threads only wait for each other here
             A, P = (LinearOperator((len(b), len(b)), f, dtype=float) for f in (apply, precondition))
-            count = MANY if M is K else FEW
+            count = self.factors.iterations[M is K]
             x, _ = gcrotmk(A, b, x0=guess, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
             return x, bool(np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b))
 

@@ -200,6 +200,6 @@ class State:
             f"State ({kind}) of {n_e} element(s): {self.message}\n"
             f"  beta = {float(self.inputs.beta):g}, T0 = {float(self.inputs.T0):g} kPa{loads}; mean stretches "
             f"{stretches} (fibre, cross-fibre, normal)\n"
-            f"  {int(self.steps)} steps, {int(self.iterations)} iterations; negative eigenvalues: "
+            f"  {int(self.steps)} steps, {int(self.iterations)} iterations ({self.solver}); negative eigenvalues: "
             f"{int(self.negative_eigenvalues)}, zero: {int(self.zero_eigenvalues)}"
         )

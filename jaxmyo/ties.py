@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jaxmyo import checks, surface
 from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Spring, Stretch, Tie, Uniform
-from jaxmyo.coordinates import evaluate
+from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.mesh import Mesh
 
 
@@ -88,25 +88,11 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
     size = np.abs(x - centre).max()
 
     def rigid(theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Six motions at points θ (n, 3), along the local unit vectors: (n, 3, 6); and the scale factors (n, 3)."""
-        X = (evaluate(c.position, theta) - centre) / size
-        basis = np.nan_to_num(evaluate(c.basis, theta))  # there is no e_φ on an axis
-        axes = np.broadcast_to(np.eye(3)[None], (len(X), 3, 3))
-        motions = np.concatenate([axes, np.cross(np.eye(3)[None], X[:, None]).swapaxes(1, 2)], axis=2)
-        return basis @ motions, evaluate(c.g, theta)
+        return _rigid(c, theta, centre, size)
 
-    def as_motion(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """δθ_i = e_i · δx / g_i, (n, 3, 6)."""
-        along, g = rigid(theta)
-        return np.divide(along, g[:, :, None], out=np.zeros_like(along), where=g[:, :, None] > 1e-12 * g.max())
-
-    at_nodes = as_motion(mesh.points)
+    at_nodes = _conjugate(*rigid(mesh.points))
     R = at_nodes.reshape(-1, 6)
-    # Each degree of freedom hangs on one unknown: the projection on what the ties can move is a sum per unknown.
-    norm = np.bincount(ties.index, ties.scale**2, minlength=max(ties.size, 1))
-    norm[norm == 0.0] = 1.0
-    coordinates = np.stack([np.bincount(ties.index, ties.scale * r, minlength=len(norm)) / norm for r in R.T], axis=1)
-    blocked = [R - ties.scale[:, None] * coordinates[ties.index]]
+    blocked = [R - ties.scale[:, None] * projected(R, ties.index, ties.scale, ties.size)[ties.index]]
     if c.curved:
         # An element that spans a large angle has no rigid motion where its nodes have one.
         middle = mesh.points[mesh.cells].mean(axis=1)
@@ -127,6 +113,40 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
     free = vt[singular < 1e-9 * np.sqrt(len(rows))]
     names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in "xyz"]
     return [names[int(np.argmax(np.abs(v)))] for v in free]
+
+
+def rigid_unknowns(
+    c: Coordinates, points: NDArray[np.float64], index: NDArray[np.int64], scale: NDArray[np.float64], size: int
+) -> NDArray[np.float64]:
+    """The unknowns (size, 6) that come closest to the six rigid motions; points: (n_nodes, 3)."""
+    x = evaluate(c.position, points)
+    motions = _conjugate(*_rigid(c, points, x.mean(axis=0), np.abs(x - x.mean(axis=0)).max()))
+    return projected(motions.reshape(-1, 6), index, scale, size)
+
+
+def _rigid(
+    c: Coordinates, theta: NDArray[np.float64], centre: NDArray[np.float64], size: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Six motions at points θ (n, 3), along the local unit vectors: (n, 3, 6); and the scale factors (n, 3)."""
+    X = (evaluate(c.position, theta) - centre) / size
+    basis = np.nan_to_num(evaluate(c.basis, theta))  # there is no e_φ on an axis
+    axes = np.broadcast_to(np.eye(3)[None], (len(X), 3, 3))
+    motions = np.concatenate([axes, np.cross(np.eye(3)[None], X[:, None]).swapaxes(1, 2)], axis=2)
+    return basis @ motions, evaluate(c.g, theta)
+
+
+def projected(
+    motions: NDArray[np.float64], index: NDArray[np.int64], scale: NDArray[np.float64], size: int
+) -> NDArray[np.float64]:
+    """The unknowns (size, k) that come closest to motions (n_dof, k): a sum over what hangs on each unknown."""
+    norm = np.bincount(index, scale**2, minlength=max(size, 1))
+    norm[norm == 0.0] = 1.0
+    return np.stack([np.bincount(index, scale * m, minlength=len(norm)) / norm for m in motions.T], axis=1)
+
+
+def _conjugate(along: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]:
+    """δθ_i = e_i · δx / g_i (n, 3, k) of motions along the local unit vectors; 0 on an axis."""
+    return np.divide(along, g[:, :, None], out=np.zeros_like(along), where=g[:, :, None] > 1e-12 * g.max())
 
 
 def _of_whole_components(mesh: Mesh, conditions: Sequence[Tie]) -> list[tuple[Tie, Uniform | Proportional]]:

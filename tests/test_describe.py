@@ -151,7 +151,7 @@ def test_what_is_left_out(named: Any) -> None:
     name, scene = named
     (words,) = lines(scene)["left out"]
     found = words.split("; ")
-    assert found[-1] == "inertia, viscosity, body forces, compressibility"
+    assert found[-1] == "inertia, viscosity, compressibility"
     one_point = {
         "sample": "xyz",
         "radial": ("phi", "z"),
