@@ -101,11 +101,10 @@ class Pattern:
             K.reshape(-1)[self.twice[first:last] - 300 * ids[0]] *= 2.0
         np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
 
-    def add(self, K: Floats) -> Floats:
-        """The data (nnz,) of the matrices (n_elements, 24, 24) of all elements."""
-        data = np.zeros(self.nnz + 1)
-        self.add_upper(data, np.arange(len(K)), K[:, _I, _J])
-        return data[:-1]
+
+def upper_triangles(K: Floats) -> Floats:
+    """The upper triangles (n, 300) of matrices (n, 24, 24), rows first."""
+    return K[:, _I, _J]
 
 
 def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
@@ -253,10 +252,10 @@ class Assembly:
         self.pattern = pattern(cells, tie_index, self.tie_scale, system.n_u, patches)
         self.local = np.asarray(system.local_multipliers)
         n_e, self.count = len(cells), min(CHUNK, -(-len(cells) // BLOCK) * BLOCK)
-        self._ids = [np.arange(i, min(i + self.count, n_e)) for i in range(0, n_e, self.count)]
+        self.chunks = [np.arange(i, min(i + self.count, n_e)) for i in range(0, n_e, self.count)]
         arrays = [np.asarray(getattr(system, name)) for name in Elements._fields[:-1]]
         self._elements = [
-            Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self._ids
+            Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self.chunks
         ]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
@@ -288,7 +287,7 @@ class Assembly:
             return [np.asarray(x)[: len(ids)] for x in found]
 
         ahead: list[tuple[Ints, Future[list[Floats]]]] = []
-        for ids, e in zip(self._ids, self._elements, strict=True):
+        for ids, e in zip(self.chunks, self._elements, strict=True):
             ahead.append((ids, _THREADS.submit(compute, ids, e)))
             if len(ahead) > FLIGHT:
                 ids, future = ahead.pop(0)
@@ -299,7 +298,7 @@ class Assembly:
     def rates(self, u: Floats, du: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
         """The change (n,) of the residual with the inputs, loads included."""
         r = -np.asarray(by_t.imbalance)
-        for ids, e in zip(self._ids, self._elements, strict=True):
+        for ids, e in zip(self.chunks, self._elements, strict=True):
             m = z[self.local[self._padded(ids)]]
             cut = self._cut(inputs, ids), self._cut(by_t, ids)
             r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))

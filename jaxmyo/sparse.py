@@ -24,7 +24,7 @@ from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
 from jaxmyo import checks, factor, linear
-from jaxmyo.assembly import Assembly
+from jaxmyo.assembly import Assembly, upper_triangles
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
@@ -113,18 +113,25 @@ class Sparse:
 
     def _metric_data(self) -> Floats:
         """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
-        s, a = self.system, self.assembly
-        weight, g = np.asarray(s.weight), 1.0 / np.asarray(s.inverse_g)
-        dN, N = np.asarray(s.dN), np.asarray(s.N)
-        K = np.zeros((len(weight), 24, 24))
-        stiffness = np.einsum("egi,egak,egbk->eiab", weight[:, :, None] * g**2, dN, dN, optimize=True)
+        data = np.zeros(self.pattern.nnz + 1)
+        for ids in self.assembly.chunks:
+            self.pattern.add_upper(data, ids, self._element_metric(ids))
+        return data[:-1]
+
+    def _element_metric(self, ids: NDArray[np.int64]) -> Floats:
+        """The upper triangles (n, 300) of some elements."""
+        s, N = self.system, np.asarray(self.system.N)
+        weight, dN, inverse_g, theta = (np.asarray(x)[ids] for x in (s.weight, s.dN, s.inverse_g, s.theta))
+        weighted = (weight[:, :, None] / inverse_g**2)[:, :, :, None, None] * dN[:, :, None]  # e g i a k
+        stiffness = np.einsum("egiak,egbk->eiab", weighted, dN, optimize=True)
         if s.coordinates.curved:
-            by = evaluate(jax.vmap(jax.jacfwd(s.coordinates.g)), np.asarray(s.theta))  # ∂g_j/∂θ_i
-            hoop = np.einsum("eg,egji->egi", weight, (by / g[..., None]) ** 2)
+            by = evaluate(jax.vmap(jax.jacfwd(s.coordinates.g)), theta)  # ∂g_j/∂θ_i
+            hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
             stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
+        K, scale = np.zeros((len(ids), 24, 24)), self.assembly.scale[ids]
         for i in range(3):
             K[:, i::3, i::3] = stiffness[:, i]
-        return a.pattern.add(K * a.scale[:, :, None] * a.scale[:, None, :])
+        return upper_triangles(K * scale[:, :, None] * scale[:, None, :])
 
     def _scales(self, diagonal: Floats, index: Any, moves: Any, patch: Any) -> Scales:
         n_u, size = self.system.n_u, np.asarray(self.system.weight).sum(axis=1)
