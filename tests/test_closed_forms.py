@@ -20,6 +20,8 @@ from jaxmyo import solve, sparse
 from jaxmyo.mesh import boundary, jitter
 
 MU = 10.0  # kPa
+#: From how many displacements on the sparse solver is taken; the dense one compiles for longer.
+SOLVERS = [pytest.param(1000, id="dense", marks=pytest.mark.slow), pytest.param(0, id="sparse")]
 SYMMETRIES = (jm.Symmetry("x"), jm.Symmetry("y"), jm.Symmetry("z"))
 
 
@@ -228,6 +230,7 @@ def rod(n: int, radius: float, height: float) -> jm.Mesh:
     return jm.Mesh(points, mesh.cells, mesh.faces)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("always_sparse")
 def test_torsion_of_a_solid_cylinder() -> None:
     """At its length: r = R, moment ½ π μ t Ro⁴, axial force −¼ π μ t² Ro⁴, at second order; the sides are free."""
@@ -260,7 +263,7 @@ def fibrous(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
     return neo_hookean(C, frame, beta, constants) + 0.5 * constants["k"] * (i4 - 1.0) ** 2
 
 
-@pytest.mark.parametrize("large", [1000, 0], ids=["dense", "sparse"])
+@pytest.mark.parametrize("large", SOLVERS)
 def test_a_homogeneous_state_on_a_distorted_mesh(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the surface moves by x = F X, dead loads act on the other: x = F X and one p everywhere, exactly."""
     monkeypatch.setattr(solve, "LARGE", large)
@@ -301,9 +304,7 @@ def hanging(weight: float) -> jm.State:
     return jm.load(at_rest, jm.BodyForce((0.0, 0.0, -weight)))
 
 
-@pytest.mark.parametrize(
-    "large", [pytest.param(1000, id="dense", marks=pytest.mark.slow), pytest.param(0, id="sparse")]
-)
+@pytest.mark.parametrize("large", SOLVERS)
 def test_a_column_hangs_on_its_support(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The reaction is the weight; at small strain the lower end sinks by ½ g L²/E in the mean, E = 3 μ.
 
