@@ -27,7 +27,8 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
     soft: the weave has a finite stiffness, and is no constraint. A traced a/D is taken as 0.2.
     """
     weave = system.weave and not soft
-    n_p, n_q = system.n_p, system.n_q if weave else 0
+    hard = _hard(system, soft=not weave)
+    n_p, n_q = system.n_p, len(hard) - system.n_p
     if system.n_u == 0:
         return
     if system.gradient is None or (n_p + n_q) ** 2 * system.n_u > _CHEAP:
@@ -35,7 +36,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
             raise ValueError(_message(scene, n_p, n_q, system.n_u, min(n_p, system.n_u), system.n_u))
         return
     value = 0.2 if a_over_D is None or checks.is_traced(a_over_D) else float(np.asarray(a_over_D))
-    B = _jacobian_at_rest(system, value)[: n_p + n_q]
+    B = _jacobian_at_rest(system, value)[hard]
     rank_p, rank = _rank(B[:n_p]), _rank(B)
     locked = n_q > 0 and rank == system.n_u and len(system.cells) > 1
     if rank < n_p + n_q or locked:
@@ -44,15 +45,23 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
 
 def at_failure(system: System, z: Array, inputs: Inputs) -> str:
     """For a solve that failed: a sentence if the constraints are redundant at its last state, else nothing."""
-    n_u, n_hard = system.n_u, system.n_p + (system.n_q if float(inputs.softness) == 0.0 else 0)
+    hard = _hard(system, soft=float(inputs.softness) != 0.0)
+    n_u, n_hard = system.n_u, len(hard)
     if n_u == 0 or system.gradient is None or n_hard**2 * n_u > 10.0 * _CHEAP:
         return ""
     _, K = jax.jit(lagrangian.residual_and_tangent)(system, z, inputs)
-    B = np.asarray(K)[n_u : n_u + n_hard, :n_u]
+    B = np.asarray(K)[n_u + hard, :n_u]
     rank = _rank(_normalised(system, B))
     if rank == n_hard:
         return ""
     return f" There the {n_hard} constraints are redundant: only {rank} of them are independent of each other."
+
+
+def _hard(system: System, *, soft: bool) -> NDArray[np.int64]:
+    """The multipliers that stand for a condition, numbered from 0: all p, and the q of elements with the weave."""
+    acts = np.array([kind.weave and system.weave and not soft for kind in system.kinds])[np.asarray(system.material)]
+    q = np.asarray(system.local_multipliers)[acts, 1:] - system.n_u
+    return np.concatenate([np.arange(system.n_p), np.unique(q)])
 
 
 def _jacobian_at_rest(system: System, a_over_D: float) -> NDArray[np.float64]:

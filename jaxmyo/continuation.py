@@ -137,7 +137,7 @@ def follow(
         passed = (sign != path.sign) & (aimed > 0.05 * settings.move)
         good = known & (~passed | at_start)
         if not traced:
-            status = Status(int(found.status)).name if good or not found.status else "BRANCH_LEFT"
+            status = Status(int(found.status)).name if good or found.status else "BRANCH_LEFT"
             watch.step(path.steps + 1, t if good else path.t, status, found.at.residual, found.iteration)
         spent = path._replace(
             steps=path.steps + 1,

@@ -244,7 +244,7 @@ class Sparse:
         if at.K is None:
             return np.array(-1), np.array(-1)
         negative, perturbed = self.near(at.K).inertia
-        return np.array(negative), np.array(perturbed)
+        return np.array(negative - self._held if negative >= 0 else -1), np.array(perturbed)
 
     def near(self, K: Tangent) -> factor.Solver:
         """Factors that have the inertia of K: its own, or those of a state that is the same but for a small strain."""
@@ -272,6 +272,9 @@ class Sparse:
             if self._stiffened:
                 self.factors.factorise(self._symmetric(K, mu))
         self._by_walls = np.stack([self.factors.solve(w) for w in K.walls], 1) if len(K.walls) else K.walls.T
+        # Each direction in which the cavities' volumes hold a body back that is unstable at its pressures.
+        S = K.walls @ self._by_walls
+        self._held = int(np.sum(np.linalg.eigvalsh(0.5 * (S + S.T)) < 0.0)) if len(S) else 0
         self._factored, self._compared = K, None
         # The next tangents are augmented in proportion to the stiffness that this one has.
         weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
@@ -358,5 +361,5 @@ class Factors:
     @property
     def sign(self) -> Any:
         """The sign of the determinant, up to that of the multipliers' block, ±1."""
-        negative, _ = self.of.near(self.K).inertia
+        negative = self.of.near(self.K).inertia[0] - self.of._held
         return np.array(1.0 if negative % 2 == 0 else -1.0)

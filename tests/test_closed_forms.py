@@ -158,7 +158,6 @@ def test_a_pressure_beyond_the_limit_point_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("always_sparse")
-@pytest.mark.xfail(strict=True, reason="sparse factors count the mode that the volume holds back")
 def test_a_filled_sphere_is_stable_beyond_its_limit_point() -> None:
     """At a prescribed volume nothing snaps."""
     assert int(filled(4, 2.5).negative_eigenvalues) == 0

@@ -72,7 +72,6 @@ def test_a_line_per_step_and_per_iteration(kind: str, caplog: pytest.LogCaptureF
     np.testing.assert_allclose(final, np.asarray(state.history)[: len(final)], rtol=0.01)
 
 
-@pytest.mark.xfail(strict=True, reason="a refused step is called CONVERGED, one without a solution BRANCH_LEFT")
 def test_refused_steps_say_why(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     """A step that left the branch is BRANCH_LEFT, one whose iterations ran out TOO_MANY_ITERATIONS."""
     monkeypatch.setattr(solve, "LARGE", 0)
