@@ -107,6 +107,11 @@ def upper_triangles(K: Floats) -> Floats:
     return K[:, _I, _J]
 
 
+def upper_diagonals(K: Floats) -> Floats:
+    """The diagonals (n, 24) of matrices whose upper triangles (n, 300) are given."""
+    return K[:, _I == _J]
+
+
 def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
     """The pattern of a body; patches: incidence (n_patches, n_u) of patches of several elements, which couple too."""
     # Pairs of nodes first: there are far fewer of them than pairs of displacements.
@@ -277,9 +282,15 @@ class Assembly:
         return cut._replace(loads={}, volumes=none, imbalance=none)
 
     def terms(
-        self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]
+        self,
+        u: Floats,
+        z: Floats,
+        inputs: Inputs,
+        gamma: float,
+        inside: tuple[bool, ...],
+        chunks: int | None = None,
     ) -> Iterator[tuple[Ints, list[Floats]]]:
-        """(elements, their terms) of all chunks, some computed ahead."""
+        """(elements, their terms) of all chunks, or of the first ones; some are computed ahead."""
 
         def compute(ids: Ints, e: Elements) -> list[Floats]:
             m = z[self.local[self._padded(ids)]]
@@ -287,7 +298,7 @@ class Assembly:
             return [np.asarray(x)[: len(ids)] for x in found]
 
         ahead: list[tuple[Ints, Future[list[Floats]]]] = []
-        for ids, e in zip(self.chunks, self._elements, strict=True):
+        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
             ahead.append((ids, _THREADS.submit(compute, ids, e)))
             if len(ahead) > FLIGHT:
                 ids, future = ahead.pop(0)

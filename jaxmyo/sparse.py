@@ -24,7 +24,7 @@ from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
 from jaxmyo import checks, factor, linear
-from jaxmyo.assembly import Assembly, upper_triangles
+from jaxmyo.assembly import Assembly, upper_diagonals, upper_triangles
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
@@ -91,7 +91,7 @@ class Sparse:
         self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
         self._volume = np.asarray(self.scale.volume)[n_u : n_u + self.n_m]
         self.factors = factor.solver(self.pattern, self._rigid)
-        self._stiffness = 1.0
+        self._stiffness = 0.0  # of the body [kPa]; 0 before it is known
         self._factored: Tangent | None = None
         self._stiffened = False
         self._compared: Tangent | None = None
@@ -179,6 +179,10 @@ class Sparse:
     def _assembled(self, z: Floats, inputs: Inputs) -> At:
         s, a, n_u = self.system, self.assembly, self.system.n_u
         u = self._displacements(z, inputs)
+        if not self._stiffness:
+            ids, t = next(a.terms(u, z, inputs, 1e-30, self._inside, chunks=1))
+            diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t[1]).ravel(), n_u)
+            self._stiffness = self._stiffness_of(diagonal) or 1.0
         r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
         B, D, least_J = np.zeros(len(self._coupling)), np.zeros(self.n_m), np.inf
         for ids, t in a.terms(u, z, inputs, self._gamma, self._inside):
@@ -197,6 +201,10 @@ class Sparse:
         squares = coupling.copy()
         squares.data **= 2
         diagonal = data[self.pattern.diagonal] - squares.T @ inside
+        stiffness = self._stiffness_of(diagonal)
+        if not 0.1 * self._stiffness <= stiffness <= 10.0 * self._stiffness and np.isfinite(stiffness):
+            self._stiffness, self._factored = stiffness, None  # another material: what was augmented does not suit it
+            return self._assembled(z, inputs)
         if (inside != W).any():
             outside = (coupling.T @ sp.diags(W - inside) @ coupling).tocoo()
             upper = outside.row <= outside.col
@@ -277,8 +285,12 @@ class Sparse:
         self._held = int(np.sum(np.linalg.eigvalsh(0.5 * (S + S.T)) < 0.0)) if len(S) else 0
         self._factored, self._compared = K, None
         # The next tangents are augmented in proportion to the stiffness that this one has.
+        self._stiffness = self._stiffness_of(K.diagonal)
+
+    def _stiffness_of(self, diagonal: Any) -> float:
+        """The largest stress [kPa] by a unit strain of one unknown."""
         weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
-        self._stiffness = float(np.max(np.abs(K.diagonal) * weigh))
+        return float(np.max(np.abs(diagonal) * weigh))
 
     def _symmetric(self, K: Tangent, mu: float) -> Floats:
         """The upper triangle (nnz,) of the symmetric part of A + BᵀWB + μ·metric, loads included."""
@@ -324,10 +336,13 @@ class Sparse:
 
         self._counts["inner solves"] += 1
         with self._timed("inner solves"), _BLAS.limit(limits=1):  # its threads only wait for each other here
-            A, P = (LinearOperator((len(b), len(b)), f, dtype=float) for f in (apply, precondition))
-            count = self.factors.iterations[M is K]
-            x, _ = gcrotmk(A, b, x0=guess, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
-            return x, bool(np.linalg.norm(apply(x) - b) <= accuracy * np.linalg.norm(b))
+            # In y = x / s strains and stresses count alike, whatever the units and the size of the elements.
+            s = np.where(np.arange(len(b)) < n_u, self.scale.unit, self._stiffness) / np.sqrt(self.scale.volume)
+            A = LinearOperator((len(b), len(b)), lambda y: s * apply(s * y), dtype=float)
+            P = LinearOperator((len(b), len(b)), lambda r: precondition(r / s) / s, dtype=float)
+            count, start = self.factors.iterations[M is K], None if guess is None else guess / s
+            y, _ = gcrotmk(A, s * b, x0=start, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
+            return s * y, bool(np.linalg.norm(A @ y - s * b) <= accuracy * np.linalg.norm(s * b))
 
 
 _known: list[Sparse] = []

@@ -24,7 +24,7 @@ SYMMETRIES = (jm.Symmetry("x"), jm.Symmetry("y"), jm.Symmetry("z"))
 
 def block(**options: Any) -> jm.Scene:
     mesh = jm.box((1.0, 1.2, 0.8), (3, 2, 2))
-    return jm.Scene(mesh, neo_hookean, SOFT, **({"supports": SYMMETRIES} | options))
+    return jm.Scene(mesh, neo_hookean, **({"constants": SOFT, "supports": SYMMETRIES} | options))
 
 
 def weave_and_stretch(q_patches: Any = None, p_patches: Any = None) -> list[jm.State]:
@@ -101,3 +101,16 @@ def test_states_are_those_of_the_dense_solver(
                 np.testing.assert_allclose(getattr(state, name), getattr(reference, name), atol=2e-9, err_msg=name)
         unstable = -1 if solver == "multigrid" else int(reference.negative_eigenvalues)
         assert int(state.negative_eigenvalues) == unstable
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_constants_in_another_unit_of_stress(unit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The augmentation goes by the stiffness of the body, whatever that is."""
+    monkeypatch.setattr(solve, "LARGE", 0)
+    sparse.forget()
+    soft = block()
+    hard = block(constants={name: unit * value for name, value in SOFT.items()})
+    states = [jm.load(jm.contract(s, T0=0.0, a_over_D=None), jm.Stretch("x", 1.2)) for s in (soft, hard)]
+    np.testing.assert_allclose(states[1].u, states[0].u, atol=1e-11)
+    np.testing.assert_allclose(states[1].p / unit, states[0].p, rtol=1e-9)
+    sparse.forget()
