@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxmyo import checks, patches
+from jaxmyo import checks
 from jaxmyo.conditions import Displacement, Tie, Uniform
 from jaxmyo.constants import TABLE1
 from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
@@ -30,7 +30,7 @@ def axisymmetric_ventricle(
     helix: tuple[float, float] = HELIX,
     law: Law = lin_yin,
     constants: Any = TABLE1,
-    q_patches: Any = "column",
+    q_patches: Any = 1,
     p_patches: Any = None,
 ) -> Scene:
     """The ventricle as a body of revolution in its prolate coordinates, u_λ(λ, μ), u_μ(λ, μ) and the twist u_φ(λ, μ).
@@ -40,8 +40,10 @@ def axisymmetric_ventricle(
     base "sliding": the base stays in its plane and slides on it without friction, the outer rim of the base does not
     turn about the axis (which takes no moment: the twist of the body is told from there); this needs base_z = 0, where
     the base is μ = π/2. base "clamped": the base does not move.
-    helix: fibre angle inside and outside [degrees]; q_patches: "column" is one q for each column of elements through
-    the wall, otherwise as of `Scene`. Error: a ValueError for a sliding base that is not the equator.
+    helix: fibre angle inside and outside [degrees]; q_patches: an integer m is m multipliers q of the weave for each
+    column of elements through the wall, each for as many of its elements; otherwise as of `Scene`. One q per element,
+    q_patches=None, locks under refinement (`benchmarks/ventricle.py`). Errors: a ValueError for a sliding base that is
+    not the equator, and for more q than elements in a column.
     """
     n_wall, n_meridian = checks.counts("elements", elements, 2)
     mesh = prolate_mesh(ventricle, (n_wall, n_meridian, 1))
@@ -57,11 +59,8 @@ def axisymmetric_ventricle(
                 f"base_z = {ventricle.base_z:g} mm. Take base = 'clamped', or ventricle_body"
             )
         supports += [Displacement("base", "mu"), Displacement("rim", "phi")]
-    if isinstance(q_patches, str):
-        checks.choice("q_patches", q_patches, ["column"])
-        q_patches = patches.columns(mesh, "lambda")
     fibre, cross = helix_fibres(ventricle, *helix, coordinates=mesh.coordinates)
-    patch = {"p_patches": p_patches, "q_patches": q_patches}
+    patch = {"p_patches": p_patches, "q_patches": _through_the_wall(q_patches, n_wall, n_meridian)}
     return Scene(mesh, law, constants, fibre, cross, tuple(supports), (2, 2, 1), **patch)
 
 
@@ -73,7 +72,7 @@ def ventricle_body(
     helix: tuple[float, float] = HELIX,
     law: Law = lin_yin,
     constants: Any = TABLE1,
-    q_patches: Any = "column",
+    q_patches: Any = 1,
     p_patches: Any = None,
 ) -> Scene:
     """The same ventricle in three dimensions and Cartesian coordinates, hexahedra everywhere, also at the apex.
@@ -95,11 +94,8 @@ def ventricle_body(
         points = {name: np.full((1, 4), node) for name, node in held.items()}
         mesh = replace(mesh, faces={**mesh.faces, **points})
         supports += [Displacement("rim+x", "y"), Displacement("rim-x", "y"), Displacement("rim+y", "x")]
-    if isinstance(q_patches, str):
-        checks.choice("q_patches", q_patches, ["column"])
-        q_patches = np.tile(np.arange(len(mesh.cells) // counts[0]), counts[0])
     fibre, cross = helix_fibres(ventricle, *helix)
-    patch = {"p_patches": p_patches, "q_patches": q_patches}
+    patch = {"p_patches": p_patches, "q_patches": _through_the_wall(q_patches, counts[0], len(mesh.cells) // counts[0])}
     return Scene(mesh, law, constants, fibre, cross, tuple(supports), **patch)
 
 
@@ -107,3 +103,13 @@ def _with_rim(mesh: Mesh, base: Any, epi: Any) -> Mesh:
     """The mesh with a face "rim", the nodes that both faces share, each as a quad of one node."""
     nodes = np.intersect1d(base, epi)
     return replace(mesh, faces={**mesh.faces, "rim": np.repeat(nodes[:, None], 4, axis=1)})
+
+
+def _through_the_wall(q_patches: Any, n_wall: int, n_layer: int) -> Any:
+    """Patches (n_elements,) with so many q in each column; elements are numbered layer by layer from the inside."""
+    if isinstance(q_patches, bool) or not isinstance(q_patches, int):
+        return q_patches
+    if not 1 <= q_patches <= n_wall:
+        raise ValueError(f"q_patches = {q_patches} must be in [1, {n_wall}], the number of elements through the wall")
+    part = np.arange(n_wall) * q_patches // n_wall
+    return (part[:, None] * n_layer + np.arange(n_layer)).reshape(-1)

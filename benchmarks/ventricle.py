@@ -1,0 +1,255 @@
+"""A ventricle: passive filling and contraction with the Guccione law, and what the weave does to it with the Lin–Yin law.
+
+The cavity has the half axes 7 and 17 mm, the wall is 3 mm thick at the equator, which is the base; fibres go from +60°
+inside to −60° outside, and the base slides in its plane. `python benchmarks/ventricle.py` runs every part, or those
+that it is told: passive, body, active, patches, weave, mesh.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import jaxmyo as jm
+from jaxmyo import solve
+
+solve.LARGE = 0  # sparse factors for all meshes: only the elements are compiled, which is most of the time here
+
+VENTRICLE = jm.Ventricle.from_axes(short_endo=7.0, long_endo=17.0, short_epi=10.0)
+#: Elements through the wall and from the apex to the base.
+MESHES = [(2, 8), (4, 16), (8, 32)]
+#: Elements through the wall, from the square at the apex to the base, around.
+BODIES = [(1, 2, 8), (2, 4, 16), (4, 8, 32)]
+#: Pressures of the Guccione ventricle, filled and contracted, and its beating tension [kPa].
+FILLED, HELD, GUCCIONE_T0 = 2.0, 5.0, 30.0
+#: End-diastolic pressure of the Lin–Yin ventricle [kPa]; its end-systolic one is T0 times `SHARE`.
+DIASTOLE, SHARE = 0.5, 0.15
+TENSIONS = (5.0, 15.0, 35.0)
+WEAVES = (None, 0.1, 0.2)
+
+
+def cavity(pressure: float) -> jm.Pressure:
+    """The pressure [kPa] in the closed cavity."""
+    return jm.Pressure("endo", pressure, ends="closed")
+
+
+def guccione(elements: tuple[int, ...], **options: Any) -> jm.Scene:
+    """The ventricle with the Guccione law: two counts for the body of revolution, three for the Cartesian body."""
+    make: Callable[..., jm.Scene] = jm.axisymmetric_ventricle if len(elements) == 2 else jm.ventricle_body
+    return make(VENTRICLE, elements, law=jm.guccione, constants=jm.LAND_ACTIVE, **options)
+
+
+def positions(state: jm.State) -> np.ndarray:
+    """Deformed nodes (n, 3) in Cartesian coordinates [mm]."""
+    mesh = state.scene.mesh
+    return np.asarray([mesh.coordinates.position(theta) for theta in np.asarray(mesh.points + state.u)])
+
+
+def apex(state: jm.State) -> float:
+    """Height z [mm] of the inner apex."""
+    mesh = state.scene.mesh
+    nodes = np.unique(mesh.face("endo"))
+    rest = np.asarray([mesh.coordinates.position(theta) for theta in mesh.points[nodes]])
+    return float(positions(state)[nodes[np.argmax(rest[:, 2])], 2])
+
+
+def wall(state: jm.State) -> float:
+    """Thickness [mm] of the wall at the base, in the plane of the equator; of a body of revolution."""
+    mesh, x = state.scene.mesh, positions(state)
+    radius = [
+        np.hypot(*x[np.intersect1d(mesh.face("base"), mesh.face(name)), :2].T).mean() for name in ("endo", "epi")
+    ]
+    return float(radius[1] - radius[0])
+
+
+def work_of_pressure(start: jm.State, volume: float, points: int = 6) -> float:
+    """∫ P dV [µJ] of a filling from a state without load to a cavity of that volume [mm³], by Gauss's rule in V.
+
+    The volume is prescribed at each of the points; the pressure is read off.
+    """
+    begin = float(start.cavity_volume("endo"))
+    at, weight = np.polynomial.legendre.leggauss(points)
+    pressures, state = [], None
+    for V in begin + 0.5 * (1.0 + at) * (volume - begin):
+        state = jm.load(start, jm.Volume("endo", float(V)), start=state)
+        pressures.append(float(state.cavity_pressures[0]))
+    return float(0.5 * (volume - begin) * weight @ np.array(pressures))
+
+
+def orders(values: Sequence[float]) -> list[float]:
+    """Observed orders of meshes that are halved, from every three successive values."""
+    steps = np.abs(np.diff(values))
+    return [float(np.log2(a / b)) for a, b in zip(steps[:-1], steps[1:], strict=True)]
+
+
+def limit(values: Sequence[float]) -> float:
+    """Richardson's extrapolation of the last two values, at second order."""
+    return values[-1] + (values[-1] - values[-2]) / 3.0
+
+
+def passive(meshes: Sequence[tuple[int, ...]]) -> None:
+    """Filling: volume, apex, energy balance."""
+    print(f"\nGuccione, passive, {FILLED:g} kPa")
+    print(f"{'elements':>12} {'unknowns':>9} {'V mm³':>11} {'apex mm':>9} {'∫W µJ':>10} {'∫P dV − ∫W':>11} {'s':>6}")
+    volumes, heights = [], []
+    for elements in meshes:
+        begin = time.perf_counter()
+        rest = jm.contract(guccione(elements), T0=0.0, a_over_D=None)
+        filled = jm.load(rest, cavity(FILLED))
+        volumes.append(float(filled.cavity_volume("endo")))
+        heights.append(apex(filled))
+        stored = float(filled.stored_energy)
+        off = work_of_pressure(rest, volumes[-1]) / stored - 1.0
+        seconds = time.perf_counter() - begin
+        print(
+            f"{elements!s:>12} {filled.system.size:9d} {volumes[-1]:11.3f} {heights[-1]:9.4f} {stored:10.2f} {off:11.1e} "
+            f"{seconds:6.1f}",
+            flush=True,
+        )
+    if len(meshes) > 1:
+        print(f"{'h → 0':>12} {'':9} {limit(volumes):11.3f} {limit(heights):9.4f}")
+    print(f"orders: volume {orders(volumes)}, apex {orders(heights)}")
+
+
+def active(meshes: Sequence[tuple[int, ...]]) -> None:
+    """Contraction of the filled ventricle against a fixed pressure."""
+    print(f"\nGuccione, beating tension {GUCCIONE_T0:g} kPa, {HELD:g} kPa")
+    print(f"{'elements':>12} {'V mm³':>11} {'apex mm':>9} {'wall mm':>8} {'unstable':>8} {'s':>6}")
+    for elements in meshes:
+        begin = time.perf_counter()
+        scene = guccione(elements)
+        rest = jm.contract(scene, T0=0.0, a_over_D=None)
+        filled = jm.load(rest, cavity(FILLED))
+        A = jm.contract(scene, T0=GUCCIONE_T0, a_over_D=None)
+        C = jm.load(A, cavity(HELD), start=filled, throw=False)
+        seconds = time.perf_counter() - begin
+        print(
+            f"{elements!s:>12} {float(C.cavity_volume('endo')):11.3f} {apex(C):9.4f} {wall(C):8.4f} "
+            f"{int(C.negative_eigenvalues):8d} {seconds:6.1f}" + ("" if C.converged else "  " + C.message),
+            flush=True,
+        )
+
+
+@dataclass
+class Beat:
+    """End diastole and end systole of one beat: volumes [mm³], thickness of the wall at the equator [mm], its mean
+    normal stretch [–], mean cross-fibre stress [kPa], and how the states were found."""
+
+    V: tuple[float, float, float]  # free contraction, diastole, systole
+    wall: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    cross: float
+    tension: float
+    q: tuple[float, float]
+    unstable: tuple[int, int, int]
+    message: str
+
+
+def beat(scene: jm.Scene, T0: float, a_over_D: float | None, P: float | None = None) -> Beat | str:
+    """A beat of the Lin–Yin ventricle: filled passively, then contracted and loaded on one path; a message if it fails.
+
+    T0 [kPa]; P: end-systolic pressure [kPa].
+    """
+    P = SHARE * T0 if P is None else P
+    rest = jm.contract(scene, T0=0.0, a_over_D=None, beta=0.0)
+    diastole = jm.load(rest, cavity(DIASTOLE), throw=False)
+    if not diastole.converged:
+        return "diastole: " + diastole.message
+    A = jm.contract(scene, T0=T0, a_over_D=a_over_D, throw=False)
+    if not A.converged:
+        return "contraction: " + A.message
+    systole = jm.load(A, cavity(P), start=diastole, throw=False)
+    if not systole.converged:
+        return "systole: " + systole.message
+    states = (A, diastole, systole)
+    return Beat(
+        V=tuple(float(s.cavity_volume("endo")) for s in states),  # type: ignore[arg-type]
+        wall=tuple(wall(s) for s in states),  # type: ignore[arg-type]
+        normal=tuple(float(s.mean("stretches")[2]) for s in states),  # type: ignore[arg-type]
+        cross=float(systole.mean("cauchy_fibre")[1, 1]),
+        tension=float(A.mean("T_cf")),
+        q=(0.0, 0.0) if A.q is None else (float(A.q.min()), float(A.q.max())),
+        unstable=tuple(int(s.negative_eigenvalues) for s in states),  # type: ignore[arg-type]
+        message="",
+    )
+
+
+HEAD = (
+    f"{'elements':>9} {'T0':>4} {'a/D':>5} {'P_ES':>5} | {'V_A':>7} {'V_ED':>7} {'V_ES':>7} {'EF %':>6} | {'free %':>7} "
+    f"{'thick %':>8} {'λn %':>7} | {'σcf':>7} {'T_Acf':>6} | {'q':>15} | unstable      s"
+)
+
+
+def row(elements: tuple[int, ...], T0: float, a_over_D: float | None, P: float | None = None, **options: Any) -> Any:
+    """Compute and print one beat."""
+    begin = time.perf_counter()
+    scene = jm.axisymmetric_ventricle(VENTRICLE, elements, **options)
+    b = beat(scene, T0, a_over_D, P)
+    P = SHARE * T0 if P is None else P
+    name = "–" if a_over_D is None else f"{a_over_D:g}"
+    case = f"{elements!s:>9} {T0:4g} {name:>5} {P:5g} |"
+    if isinstance(b, str):
+        print(f"{case} {b}", flush=True)
+        return None
+    A, d, s = b.V
+    print(
+        f"{case} {A:7.1f} {d:7.1f} {s:7.1f} {100 * (1 - s / d):6.2f} | {100 * (b.wall[0] / 3.0 - 1):7.2f} "
+        f"{100 * (b.wall[2] / b.wall[1] - 1):8.2f} {100 * (b.normal[2] / b.normal[1] - 1):7.2f} | {b.cross:7.3f} "
+        f"{b.tension:6.3f} | {b.q[0]:7.2f} {b.q[1]:7.2f} | {b.unstable} {time.perf_counter() - begin:6.1f}",
+        flush=True,
+    )
+    return b
+
+
+def weave(elements: tuple[int, int]) -> None:
+    """The beats of the Lin–Yin ventricle with and without the weave, beside the 16 % of the paper."""
+    print(f"\nLin–Yin, end-diastolic pressure {DIASTOLE:g} kPa, end-systolic {SHARE:g} T0; one q per column")
+    print(HEAD)
+    for T0 in TENSIONS:
+        found = {a: row(elements, T0, a) for a in WEAVES}
+        without = found[None]
+        for a in WEAVES[1:]:
+            b = found[a]
+            if without is None or b is None:
+                continue
+            walls = [100 * (with_ / no - 1) for with_, no in zip(b.wall, without.wall, strict=True)]
+            print(f"  wall with a/D = {a:g} beside without: free {walls[0]:+.2f} %, end-systolic {walls[2]:+.2f} %")
+    print("  the paper: 16 %, of the free contraction of a thin sample (T0 = 35 kPa, a/D = 0.2)")
+
+
+def meshes(T0: float = 15.0) -> None:
+    """One beat on three meshes."""
+    print("\nThe same under refinement\n" + HEAD)
+    for a in (None, 0.2):
+        found = [row(elements, T0, a) for elements in MESHES]
+        if all(found):
+            V, thick = ([values(b) for b in found] for values in (lambda b: b.V[2], lambda b: b.wall[2]))
+            print(f"  h → 0: V_ES {limit(V):.1f} mm³ (order {orders(V)[0]:.2f}), wall {limit(thick):.4f} mm")
+
+
+def patches(T0: float = 5.0) -> None:
+    """The number of q through the wall, under refinement: one for the column, some, one per element."""
+    print("\nq through the wall\n" + HEAD)
+    for per_column in (1, 2, 4, None):
+        print(f"{'one per element' if per_column is None else per_column}")
+        for elements in MESHES:
+            if per_column is None or per_column <= elements[0]:
+                row(elements, T0, 0.2, q_patches=per_column)
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "passive": lambda: passive(MESHES),
+    "body": lambda: passive(BODIES),
+    "active": lambda: active([*MESHES, *BODIES[1:]]),
+    "patches": patches,
+    "weave": lambda: weave(MESHES[1]),
+    "mesh": meshes,
+}
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or PARTS:
+        PARTS[name]()
