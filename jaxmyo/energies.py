@@ -3,8 +3,8 @@
 Stresses and tangents are nowhere written down: the element differentiates these functions, S = 2 ∂W/∂C and 4 ∂²W/∂C∂C.
 
 A **law** is any function `law(C, frame, beta, constants) -> W` of the right Cauchy–Green tensor C (3, 3), the fibre
-frame (3, 3; rows f, f⊥, n), the activation β ∈ [0, 1] and a pytree of constants: `lin_yin`, `guccione`. A law of one's own
-is one more such function, passed to a scene; it should be stress-free at C = I and β = 0 up to a pressure.
+frame (3, 3; rows f, f⊥, n), the activation β ∈ [0, 1] and a pytree of constants: `lin_yin`, `guccione`. A law of one's
+own is one more such function, passed to a scene; it should be stress-free at C = I and β = 0 up to a pressure.
 """
 
 from collections.abc import Callable
