@@ -21,6 +21,8 @@ from jaxmyo.coordinates import evaluate
 solve.LARGE = 0  # sparse factors for all meshes: only the elements are compiled, which is most of the time here
 
 VENTRICLE = jm.Ventricle.from_axes(short_endo=7.0, long_endo=17.0, short_epi=10.0)
+#: Thickness of the wall at the equator [mm].
+WALL = 3.0
 #: Elements through the wall and from the apex to the base.
 MESHES = [(2, 8), (4, 16), (8, 32)]
 #: Elements through the wall, from the square at the apex to the base, around.
@@ -135,45 +137,42 @@ def active(meshes: Sequence[tuple[int, ...]]) -> None:
 
 @dataclass
 class Beat:
-    """End diastole and end systole of one beat: volumes [mm³], thickness of the wall at the equator [mm], its mean
-    normal stretch [–], mean cross-fibre stress [kPa], and how the states were found."""
+    """The free contraction A, end diastole and end systole of one beat; NaN for a state that was not found.
 
-    V: tuple[float, float, float]  # free contraction, diastole, systole
-    wall: tuple[float, float, float]
-    normal: tuple[float, float, float]
+    V: volumes of the cavity [mm³]; wall: its thickness at the equator [mm]; normal: mean stretch across the wall [–];
+    cross: mean cross-fibre stress at end systole [kPa]; tension: mean T_A^cf of A [kPa]; q: least and largest [kPa];
+    unstable: negative eigenvalues.
+    """
+
+    V: list[float]
+    wall: list[float]
+    normal: list[float]
     cross: float
     tension: float
     q: tuple[float, float]
-    unstable: tuple[int, int, int]
-    message: str
+    unstable: list[int]
+    messages: list[str]
 
 
-def beat(scene: jm.Scene, T0: float, a_over_D: float | None, P: float | None = None) -> Beat | str:
-    """A beat of the Lin–Yin ventricle: filled passively, then contracted and loaded on one path; a message if it fails.
+def beat(scene: jm.Scene, T0: float, a_over_D: float | None, P: float) -> Beat:
+    """A beat of the Lin–Yin ventricle: filled passively, then contracted and loaded on one path.
 
-    T0 [kPa]; P: end-systolic pressure [kPa].
+    T0: beating tension; P: end-systolic pressure [kPa].
     """
-    P = SHARE * T0 if P is None else P
     rest = jm.contract(scene, T0=0.0, a_over_D=None, beta=0.0)
-    diastole = jm.load(rest, cavity(DIASTOLE), throw=False)
-    if not diastole.converged:
-        return "diastole: " + diastole.message
     A = jm.contract(scene, T0=T0, a_over_D=a_over_D, throw=False)
-    if not A.converged:
-        return "contraction: " + A.message
-    systole = jm.load(A, cavity(P), start=diastole, throw=False)
-    if not systole.converged:
-        return "systole: " + systole.message
-    states = (A, diastole, systole)
+    diastole = jm.load(rest, cavity(DIASTOLE), throw=False)
+    systole = jm.load(A, cavity(P), start=diastole, throw=False) if A.converged and diastole.converged else A
+    states = [s if s.converged else None for s in (A, diastole, systole)]
     return Beat(
-        V=tuple(float(s.cavity_volume("endo")) for s in states),  # type: ignore[arg-type]
-        wall=tuple(wall(s) for s in states),  # type: ignore[arg-type]
-        normal=tuple(float(s.mean("stretches")[2]) for s in states),  # type: ignore[arg-type]
-        cross=float(systole.mean("cauchy_fibre")[1, 1]),
-        tension=float(A.mean("T_cf")),
+        V=[float(s.cavity_volume("endo")) if s else np.nan for s in states],
+        wall=[wall(s) if s else np.nan for s in states],
+        normal=[float(s.mean("stretches")[2]) if s else np.nan for s in states],
+        cross=float(systole.mean("cauchy_fibre")[1, 1]) if systole.converged else np.nan,
+        tension=float(A.mean("T_cf")) if A.converged else np.nan,
         q=(0.0, 0.0) if A.q is None else (float(A.q.min()), float(A.q.max())),
-        unstable=tuple(int(s.negative_eigenvalues) for s in states),  # type: ignore[arg-type]
-        message="",
+        unstable=[int(s.negative_eigenvalues) if s else -1 for s in states],
+        messages=[s.message.split(" (")[0] for s in (A, diastole, systole) if not s.converged],
     )
 
 
@@ -183,22 +182,20 @@ HEAD = (
 )
 
 
-def row(elements: tuple[int, ...], T0: float, a_over_D: float | None, P: float | None = None, **options: Any) -> Any:
-    """Compute and print one beat."""
+def row(elements: tuple[int, int], T0: float, a_over_D: float | None, P: float | None = None, **options: Any) -> Beat:
+    """Compute and print one beat: thickening of the wall at the equator from rest to A (free) and from end diastole to
+    end systole (thick), growth of the mean stretch across the wall (λn), each in %."""
     begin = time.perf_counter()
-    scene = jm.axisymmetric_ventricle(VENTRICLE, elements, **options)
-    b = beat(scene, T0, a_over_D, P)
     P = SHARE * T0 if P is None else P
+    b = beat(jm.axisymmetric_ventricle(VENTRICLE, elements, **options), T0, a_over_D, P)
     name = "–" if a_over_D is None else f"{a_over_D:g}"
-    case = f"{elements!s:>9} {T0:4g} {name:>5} {P:5g} |"
-    if isinstance(b, str):
-        print(f"{case} {b}", flush=True)
-        return None
     A, d, s = b.V
     print(
-        f"{case} {A:7.1f} {d:7.1f} {s:7.1f} {100 * (1 - s / d):6.2f} | {100 * (b.wall[0] / 3.0 - 1):7.2f} "
-        f"{100 * (b.wall[2] / b.wall[1] - 1):8.2f} {100 * (b.normal[2] / b.normal[1] - 1):7.2f} | {b.cross:7.3f} "
-        f"{b.tension:6.3f} | {b.q[0]:7.2f} {b.q[1]:7.2f} | {b.unstable} {time.perf_counter() - begin:6.1f}",
+        f"{elements!s:>9} {T0:4g} {name:>5} {P:5.3g} | {A:7.1f} {d:7.1f} {s:7.1f} {100 * (1 - s / d):6.2f} | "
+        f"{100 * (b.wall[0] / WALL - 1):7.2f} {100 * (b.wall[2] / b.wall[1] - 1):8.2f} "
+        f"{100 * (b.normal[2] / b.normal[1] - 1):7.2f} | {b.cross:7.3f} {b.tension:6.3f} | {b.q[0]:7.2f} {b.q[1]:7.2f} | "
+        f"{b.unstable} {time.perf_counter() - begin:6.1f}",
+        *b.messages,
         flush=True,
     )
     return b
@@ -213,8 +210,6 @@ def weave(elements: tuple[int, int]) -> None:
         without = found[None]
         for a in WEAVES[1:]:
             b = found[a]
-            if without is None or b is None:
-                continue
             walls = [100 * (with_ / no - 1) for with_, no in zip(b.wall, without.wall, strict=True)]
             print(f"  wall with a/D = {a:g} beside without: free {walls[0]:+.2f} %, end-systolic {walls[2]:+.2f} %")
     print("  the paper: 16 %, of the free contraction of a thin sample (T0 = 35 kPa, a/D = 0.2)")
@@ -225,9 +220,8 @@ def meshes(T0: float = 15.0) -> None:
     print("\nThe same under refinement\n" + HEAD)
     for a in (None, 0.2):
         found = [row(elements, T0, a) for elements in MESHES]
-        if all(found):
-            V, thick = ([values(b) for b in found] for values in (lambda b: b.V[2], lambda b: b.wall[2]))
-            print(f"  h → 0: V_ES {limit(V):.1f} mm³ (order {orders(V)[0]:.2f}), wall {limit(thick):.4f} mm")
+        V, walls = [b.V[2] for b in found], [b.wall[2] for b in found]
+        print(f"  h → 0: V_ES {limit(V):.1f} mm³, order {orders(V)[0]:.2f}; wall {limit(walls):.4f} mm")
 
 
 def patches(T0: float = 5.0) -> None:

@@ -65,7 +65,7 @@ def test_filling_converges_at_second_order() -> None:
         assert int(state.negative_eigenvalues) == 0
 
 
-@pytest.mark.parametrize("base", ["sliding", "clamped"])
+@pytest.mark.parametrize("base", ["sliding", pytest.param("clamped", marks=pytest.mark.slow)])
 def test_revolution_and_three_dimensions_agree(base: str) -> None:
     """Within the discretisation errors, extrapolated at second order from a coarser mesh of each."""
     families = [((1, 4), (2, 8)), ((1, 2, 8), (2, 4, 16))]
@@ -97,6 +97,7 @@ def test_the_work_of_the_pressure_is_stored() -> None:
     assert half * float(weight @ np.array(pressures)) == pytest.approx(stored, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_base_slides_without_force() -> None:
     """The three nodes that hold the body in the plane of the base, and the rim that holds its twist, carry nothing."""
     _, three = filled((2, 4, 16), "sliding")
@@ -104,17 +105,11 @@ def test_the_base_slides_without_force() -> None:
         assert abs(float(three.reaction(face)[axis])) < 1e-8
     _, round_ = filled((2, 8), "sliding")
     assert abs(float(round_.reaction("rim")[2])) < 1e-8  # mN·mm
-    thrust = -PRESSURE * np.pi * np.hypot(*np.asarray(_rim(three))) ** 2
-    assert float(three.reaction("base")[2]) == pytest.approx(thrust, rel=0.02)
+    # The cavity is closed by a cap that hands on its thrust to the rim: nothing is left for the base to carry.
+    assert abs(float(three.reaction("base")[2])) < 1e-8
 
 
-def _rim(state: jm.State) -> Any:
-    """x, y of a node of the inner rim."""
-    mesh = state.scene.mesh
-    node = np.intersect1d(mesh.face("base"), mesh.face("endo"))[0]
-    return (mesh.points[node] + np.asarray(state.u[node]))[:2]
-
-
+@pytest.mark.slow
 def test_one_q_per_element_locks() -> None:
     """With the Lin–Yin law and the weave: the cavity of finer meshes contracts less, with one q per column it does not
     depend on the mesh."""
