@@ -68,7 +68,7 @@ def wall(state: jm.State) -> float:
 
 
 def thickening(state: jm.State) -> float:
-    """The thickness of the wall over that at rest [–], (n · C⁻¹ n)^(−½) with the normal n of the wall: a volume mean."""
+    """Thickness of the wall over that at rest [–], (n · C⁻¹ n)^(−½) with the normal n of the wall: a volume mean."""
     n = np.asarray(state.system.frame)[:, :, 2]
     weight = np.asarray(state.system.weight)
     inverse = np.linalg.inv(np.asarray(state.C))
