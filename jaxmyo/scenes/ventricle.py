@@ -41,10 +41,10 @@ def axisymmetric_ventricle(
     turn about the axis (which takes no moment: the twist of the body is told from there); this needs base_z = 0, where
     the base is μ = π/2. base "clamped": the base does not move.
     helix: fibre angle inside and outside [degrees]; q_patches: an integer m is m multipliers q of the weave for each
-    column of elements through the wall, each for as many of its elements; otherwise as of `Scene`. Where the fibres turn
-    through the wall, h = 0 at every depth leaves a thin wall no motion: q_patches=None, one q per element, contracts
-    less the finer the mesh, while 1 converges with a smooth q (`benchmarks/ventricle.py`). Errors: a ValueError for a sliding base that is
-    not the equator, and for more q than elements in a column.
+    column of elements through the wall, each for as many of its elements; otherwise as of `Scene`. Where the fibres
+    turn through the wall, h = 0 at every depth leaves a thin wall no motion: with q_patches=None, one q per element, it
+    contracts less the finer the mesh, while 1 converges, with a smooth q (`benchmarks/ventricle.py`).
+    Errors: a ValueError for a sliding base that is not the equator, and for more q than elements in a column.
     """
     n_wall, n_meridian = checks.counts("elements", elements, 2)
     mesh = prolate_mesh(ventricle, (n_wall, n_meridian, 1))
