@@ -18,11 +18,11 @@ from jaxmyo.conditions import (
     Uniform,
     Volume,
 )
-from jaxmyo.constants import MEASURED, PRINTED, SETS, TABLE1, LinYin
+from jaxmyo.constants import LAND_ACTIVE, LAND_PASSIVE, MEASURED, PRINTED, SETS, TABLE1, Guccione, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
 from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
-from jaxmyo.energies import lin_yin
+from jaxmyo.energies import guccione, lin_yin
 from jaxmyo.export import write_series, write_vtu
 from jaxmyo.mesh import Mesh, box, structured
 from jaxmyo.mesh_io import read_mesh, write_mesh
@@ -30,7 +30,14 @@ from jaxmyo.newton import Settings
 from jaxmyo.patches import blocks, columns
 from jaxmyo.restart import load_state, save_state
 from jaxmyo.scene import Material, Scene
-from jaxmyo.scenes import axisymmetric_tube, radial_tube, thin_sample, tube_sector
+from jaxmyo.scenes import (
+    axisymmetric_tube,
+    axisymmetric_ventricle,
+    radial_tube,
+    thin_sample,
+    tube_sector,
+    ventricle_body,
+)
 from jaxmyo.solve import contract, load
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
@@ -38,6 +45,8 @@ from jaxmyo.status import SolveError, Status
 __all__ = [
     "CARTESIAN",
     "CYLINDRICAL",
+    "LAND_ACTIVE",
+    "LAND_PASSIVE",
     "MEASURED",
     "PRINTED",
     "SETS",
@@ -46,6 +55,7 @@ __all__ = [
     "Coordinates",
     "Cycle",
     "Displacement",
+    "Guccione",
     "Homogeneous",
     "LinYin",
     "Material",
@@ -66,11 +76,13 @@ __all__ = [
     "Ventricle",
     "Volume",
     "axisymmetric_tube",
+    "axisymmetric_ventricle",
     "blocks",
     "box",
     "columns",
     "contract",
     "cycle",
+    "guccione",
     "helix_fibres",
     "lin_yin",
     "load",
@@ -83,6 +95,7 @@ __all__ = [
     "structured",
     "thin_sample",
     "tube_sector",
+    "ventricle_body",
     "ventricle_mesh",
     "write_mesh",
     "write_series",

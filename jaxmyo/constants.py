@@ -39,6 +39,26 @@ class LinYin:
     C4a: float | Array
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Guccione:
+    """Constants of the transversely isotropic Guccione law `jaxmyo.energies.guccione`.
+
+    C [kPa]; bf, bt, bfs [–]: along the fibre, across it, and in shear between the two. A pytree, as `LinYin`.
+    """
+
+    C: float | Array
+    bf: float | Array
+    bt: float | Array
+    bfs: float | Array
+
+
+#: Passive ventricle, problem 2 of the verification benchmark of Land et al. 2015, Proc R Soc A 471:20150641: isotropic.
+LAND_PASSIVE = Guccione(C=10.0, bf=1.0, bt=1.0, bfs=1.0)
+
+#: Active ventricle, problem 3 of the same: anisotropic; fibres +90° to −90° there, and T0 = 60 kPa.
+LAND_ACTIVE = Guccione(C=2.0, bf=8.0, bt=2.0, bfs=4.0)
+
 #: As printed in the text of the paper, section "Case of a thin sample of living myocardium".
 PRINTED = LinYin(C1p=0.292, C2p=0.321, C3p=-0.260, C4p=0.201, C1a=-3.870, C2a=4.830, C3a=2.512, C4a=0.951)
 

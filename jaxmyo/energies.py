@@ -3,8 +3,8 @@
 Stresses and tangents are nowhere written down: the element differentiates these functions, S = 2 ∂W/∂C and 4 ∂²W/∂C∂C.
 
 A **law** is any function `law(C, frame, beta, constants) -> W` of the right Cauchy–Green tensor C (3, 3), the fibre
-frame (3, 3; rows f, f⊥, n), the activation β ∈ [0, 1] and a pytree of constants. `lin_yin` is one. A law of one's own
-is one more such function, passed to a scene; it should be stress-free at C = I and β = 0 up to a pressure.
+frame (3, 3; rows f, f⊥, n), the activation β ∈ [0, 1] and a pytree of constants: `lin_yin`, `guccione`. A law of one's
+own is one more such function, passed to a scene; it should be stress-free at C = I and β = 0 up to a pressure.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo.constants import LinYin
+from jaxmyo.constants import Guccione, LinYin
 from jaxmyo.invariants import I1, I3, I4, I6, weave_h
 
 Law = Callable[[Array, Array, Array, Any], Array]
@@ -46,6 +46,19 @@ def lin_yin_active(C: Array, frame: Array, constants: LinYin) -> Array:
 def lin_yin(C: Array, frame: Array, beta: Array, constants: LinYin) -> Array:
     """The law of the paper, W* = W_pas + β W_act (Eq. (SEF*)) [kPa]."""
     return lin_yin_passive(C, frame, constants) + beta * lin_yin_active(C, frame, constants)
+
+
+def guccione(C: Array, frame: Array, beta: Array, constants: Guccione) -> Array:
+    """A passive law of heart muscle, transversely isotropic: W = ½ C (exp Q − 1) [kPa] (Guccione et al. 1991).
+
+    Q = bf Eff² + bt (Ecc² + Enn² + 2 Ecn²) + 2 bfs (Efc² + Efn²), E = ½ (C − I) along the frame f, f⊥ (c), n.
+    It does not depend on the activation beta: the muscle is active by its beating tension βT0 alone.
+    """
+    E = 0.5 * (frame @ C @ frame.T - jnp.eye(3))
+    across = E[1, 1] ** 2 + E[2, 2] ** 2 + 2.0 * E[1, 2] ** 2
+    shear = 2.0 * (E[0, 1] ** 2 + E[0, 2] ** 2)
+    Q = constants.bf * E[0, 0] ** 2 + constants.bt * across + constants.bfs * shear
+    return 0.5 * constants.C * jnp.expm1(Q)
 
 
 def beating(C: Array, frame: Array, tension: float | Array) -> Array:

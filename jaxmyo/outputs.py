@@ -27,6 +27,20 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
     return jax.vmap(points)(F, system.frame, inputs.T_f, inputs.T_cf, multipliers, system.material)
 
 
+def stored_energy(system: System, F: Array, inputs: Inputs) -> Array:
+    """∫ W dV [µJ], W the law of each element's material at the activation of the state; F as above."""
+
+    def point(F: Array, frame: Array, material: Array) -> Array:
+        of_kinds = [
+            kind.law(F.T @ F, frame, inputs.beta if kind.active else jnp.zeros_like(inputs.beta), constants)
+            for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+        ]
+        return jnp.stack(of_kinds)[material]
+
+    W = jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(F, system.frame, system.material)
+    return jnp.sum(system.weight * W)
+
+
 def cauchy(F: Array, S: Array) -> Array:
     """σ = F S Fᵀ / det F (..., 3, 3) [kPa], along the local unit vectors."""
     return F @ S @ jnp.swapaxes(F, -1, -2) / jnp.linalg.det(F)[..., None, None]

@@ -164,6 +164,12 @@ class State:
         mesh = self.scene.mesh
         return surface.enclosed(mesh.coordinates, mesh.face(face), self.system.points + self.u)
 
+    @property
+    @_per_state
+    def stored_energy(self) -> Array:
+        """∫ W dV [µJ] of the law alone: no tension T0, no weave. In a passive body, the work done on it from rest."""
+        return outputs.stored_energy(self.system, self.F, self.inputs)
+
     def mean(self, name: str) -> Array:
         """Volume mean of a field at the quadrature points by its name, e.g. mean("cauchy"): (3, 3) [kPa]."""
         return self._mean(checks.choice("name", name, FIELDS))

@@ -143,6 +143,46 @@ def test_constants_may_be_differentiated() -> None:
     close(by.C1p, reference.passive_energy(reference.SETS["table1"], x, y) / jm.TABLE1.C1p)
 
 
+# ----------------------------------------------------------------------------------------------------- Guccione
+
+guccione = jax.jit(lambda C, frame: jm.guccione(C, frame, jnp.zeros(()), jm.LAND_ACTIVE))
+guccione_gradient = jax.jit(jax.grad(lambda C, frame: jm.guccione(C, frame, jnp.zeros(()), jm.LAND_ACTIVE)))
+
+
+@given(strains(), rotations)
+def test_guccione_by_hand(C: np.ndarray, frame: np.ndarray) -> None:
+    """S = 2 dW/dC = C e^Q b∘E along the frame, b = bf, bt and bfs for the components of E."""
+    c = jm.LAND_ACTIVE
+    E = 0.5 * (frame @ C @ frame.T - STANDARD)
+    b = np.array([[c.bf, c.bfs, c.bfs], [c.bfs, c.bt, c.bt], [c.bfs, c.bt, c.bt]])
+    Q = np.sum(b * E**2)
+    close(guccione(C, frame), 0.5 * c.C * np.expm1(Q), 1e-11)
+    S = frame.T @ (c.C * np.exp(Q) * b * E) @ frame
+    close(2.0 * symmetric(np.asarray(guccione_gradient(C, frame))), S, 1e-11)
+
+
+@given(strains(), rotations, rotations, numbers(0.0, 6.3))
+def test_guccione_depends_on_the_fibre_only(C: np.ndarray, frame: np.ndarray, R: np.ndarray, angle: float) -> None:
+    """Turning body and fibres together, or the body about the fibre, changes nothing."""
+    close(guccione(R @ C @ R.T, frame @ R.T), guccione(C, frame), 1e-10)
+    around = Rotation.from_rotvec(angle * frame[0]).as_matrix()
+    close(guccione(around @ C @ around.T, frame), guccione(C, frame), 1e-10)
+
+
+@given(rotations)
+def test_guccione_rests_without_stress(frame: np.ndarray) -> None:
+    close(guccione(STANDARD, frame), 0.0)
+    close(guccione_gradient(STANDARD, frame), np.zeros((3, 3)), 1e-14)
+
+
+@given(strains(), rotations)
+def test_guccione_with_equal_constants_is_isotropic(C: np.ndarray, frame: np.ndarray) -> None:
+    """Problem 2 of Land et al.: ½ C (exp(tr E²) − 1), whatever the fibres."""
+    E = 0.5 * (C - STANDARD)
+    W = jm.guccione(jnp.asarray(C), jnp.asarray(frame), jnp.zeros(()), jm.LAND_PASSIVE)
+    close(W, 5.0 * np.expm1(np.trace(E @ E)), 1e-11)
+
+
 # ------------------------------------------------------------------------------------------ tensions and weave
 
 
