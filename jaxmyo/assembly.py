@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from jaxmyo import lagrangian, surface
 from jaxmyo.lagrangian import Inputs, System
 
-CHUNK = 2048  # elements per call
-BLOCK = 256  # elements whose intermediates stay in cache together
+CHUNK = 1024  # elements per call
+BLOCK = 128  # elements whose intermediates stay in cache together
 FLIGHT = 4  # chunks that are computed ahead
 
 Floats = NDArray[np.float64]
@@ -134,12 +134,15 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     # Position of the pair of displacements (node a, component i; node b, component j) of each element.
     number = np.zeros((8, 8), dtype=np.int64)
     number[a, b] = number[b, a] = np.arange(len(a))
-    pair_of = pair_of.reshape(len(cells), -1)[:, number[_I // 3, _J // 3]]
-    swapped = cells[:, _I // 3] > cells[:, _J // 3]
-    row, column = np.where(swapped, _J % 3, _I % 3), np.where(swapped, _I % 3, _J % 3)
-    positions = np.ascontiguousarray(at[pair_of, row, column])
-    same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
-    twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
+    block = at[pair_of.reshape(len(cells), -1)]  # (n_elements, 36, 3, 3)
+    swapped = cells[:, a] > cells[:, b]
+    block[swapped] = block[swapped].swapaxes(-1, -2)
+    flat = 9 * number[_I // 3, _J // 3] + 3 * (_I % 3) + _J % 3
+    positions = np.ascontiguousarray(block.reshape(len(cells), -1)[:, flat])
+    twice = np.zeros(0, dtype=np.int64)
+    if np.count_nonzero(tie_scale) > n_u:  # some unknowns move several nodal displacements
+        same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
+        twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
     indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
     return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)
 

@@ -131,10 +131,10 @@ def build(
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
-    jacobian = np.einsum("eai,gaj->egij", mesh.points[mesh.cells], dxi)
-    dN = np.einsum("gaj,egji->egai", dxi, np.linalg.inv(jacobian))
+    jacobian = np.einsum("eai,gaj->egij", mesh.points[mesh.cells], dxi, optimize=True)
+    dN = dxi[None] @ np.linalg.inv(jacobian)
     weight = np.linalg.det(jacobian) * w[None]
-    theta = np.einsum("ga,eai->egi", N, mesh.points[mesh.cells])
+    theta = N[None] @ mesh.points[mesh.cells]
     g = evaluate(jax.vmap(coordinates.g), theta) if coordinates.curved else np.ones_like(theta)
     weight, dN = weight * np.prod(g, axis=-1), dN / g[:, :, None, :]
     columns, gradient, unknowns = (None, None, None) if large else _columns(mesh, coordinates, ties, N, dN, theta, g)

@@ -51,7 +51,8 @@ def contract(
     says so. Errors: ValueError or TypeError for an input out of its range, ValueError for redundant constraints.
     """
     system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants)
-    z, begin = jnp.zeros(system.size), end._replace(beta=jnp.zeros_like(end.beta))
+    begin = end._replace(beta=jnp.zeros_like(end.beta))
+    z = jnp.concatenate([jnp.zeros(system.n_u), _pressure_at_rest(system, begin), jnp.zeros(system.n_q)])
     if start is not None:
         _check_start(scene, start, "start")
         if (start.q is None) != (a_over_D is None):
@@ -148,6 +149,18 @@ def contraction(
         constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, jnp.zeros(0), none
     )
     return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
+
+
+def _pressure_at_rest(system: System, inputs: Inputs) -> Array:
+    """p (n_p,) [kPa] that leaves a law no mean stress at rest, p = ⅓ tr 2 ∂W/∂C: μ for ½ μ (I1 − 3)."""
+    rest = jnp.eye(3)
+    of_kinds = [
+        2.0 / 3.0 * jnp.trace(jax.grad(kind.law)(rest, rest, inputs.beta, constants))
+        for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+    ]
+    patches = np.asarray(system.local_multipliers)[:, 0] - system.n_u
+    _, first = np.unique(patches, return_index=True)
+    return jnp.stack(of_kinds)[np.asarray(system.material)[first]]
 
 
 def loading(

@@ -30,7 +30,7 @@ from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
 from jaxmyo.ties import rigid_unknowns
 
-NEAR = 2e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
+NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
 Floats = NDArray[np.float64]
