@@ -6,10 +6,10 @@ bounded strain, is cut back where Newton fails or the body jumps, and grows agai
 solution on the branch that starts at rest, which need not be the only equilibrium nor, far along, a stable one.
 """
 
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 from jax import Array
 
 from jaxmyo import checks, control, newton, progress
@@ -60,26 +60,14 @@ class _Path(NamedTuple):
     iterations: Array
 
 
-@jax.jit
-def between(start: Any, end: Any, fraction: Array) -> Any:
+def between(xp: ModuleType, start: Any, end: Any, fraction: Any) -> Any:
     """The inputs at a fraction of the way; exactly the end at 1."""
-    return jax.tree.map(lambda a, b: jnp.where(fraction >= 1.0, b, a + fraction * (b - a)), start, end)
+    return jax.tree.map(lambda a, b: xp.where(fraction >= 1.0, b, a + fraction * (b - a)), start, end)
 
 
-@jax.jit
-def _scaled(start: Any, end: Any, factor: Array) -> Any:
-    return jax.tree.map(lambda a, b: factor * (b - a), start, end)
-
-
-@jax.jit
-def _finite(inputs: Any, valid: Array) -> Any:
-    return jax.tree.map(lambda x: jnp.where(valid | jnp.isfinite(x), x, 0.0), inputs)
-
-
-@jax.jit
-def _differ(start: Any, end: Any) -> Array:
-    differ = [jnp.any(a != b) for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True)]
-    return jnp.any(jnp.stack(differ))
+def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
+    differ = [xp.any(a != b) for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True)]
+    return xp.any(xp.stack(differ))
 
 
 def follow(
@@ -93,22 +81,23 @@ def follow(
     """
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    start, end = (_finite(x, valid) for x in (start, end))
+    start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (start, end))
 
     def fraction(t: Array) -> Array:
         return xp.where((t >= 1.0) | ~from_rest, t, 0.01 * t + 0.99 * t**3)
 
     def inputs_at(t: Array) -> Inputs:
-        return between(start, end, fraction(t))
+        return between(xp, start, end, fraction(t))
 
     def tangent_of_path(found: newton.Iterate, t: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
         slope = xp.where(from_rest, 0.01 + 2.97 * t**2, 1.0)  # of `fraction`
-        rate, speed = lin.rates(found.z, inputs_at(t), _scaled(start, end, slope), found.factors)
+        by_t = jax.tree.map(lambda a, b: slope * (b - a), start, end)
+        rate, speed = lin.rates(found.z, inputs_at(t), by_t, found.factors)
         known = xp.all(xp.isfinite(rate)) & (t < 1.0)
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
 
-    moves = _differ(start, end)  # else the start, corrected, is the end
+    moves = _differ(xp, start, end)  # else the start, corrected, is the end
 
     traced = checks.is_traced(z)
     watch = progress.Watch(settings.time_limit, settings.progress)
@@ -195,7 +184,7 @@ def follow(
     status = xp.where(last.t >= 1.0, Status.CONVERGED, over)
     return Solution(
         z=last.z,
-        inputs=between(start, end, reached),
+        inputs=between(xp, start, end, reached),
         reached=reached,
         residual=last.at.residual,
         force_residual=xp.max(xp.abs(last.at.r[: lin.system.n_u]), initial=0.0),

@@ -52,7 +52,7 @@ def contract(
     """
     system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants)
     begin = end._replace(beta=jnp.zeros_like(end.beta))
-    z = jnp.concatenate([jnp.zeros(system.n_u), _pressure_at_rest(system, begin), jnp.zeros(system.n_q)])
+    z = jnp.concatenate([jnp.zeros(system.n_u), _pressure_at_rest(scene, begin), jnp.zeros(system.n_q)])
     if start is not None:
         _check_start(scene, start, "start")
         if (start.q is None) != (a_over_D is None):
@@ -151,16 +151,15 @@ def contraction(
     return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
 
 
-def _pressure_at_rest(system: System, inputs: Inputs) -> Array:
+def _pressure_at_rest(scene: Scene, inputs: Inputs) -> Array:
     """p (n_p,) [kPa] that leaves a law no mean stress at rest, p = ⅓ tr 2 ∂W/∂C: μ for ½ μ (I1 − 3)."""
     rest = jnp.eye(3)
     of_kinds = [
         2.0 / 3.0 * jnp.trace(jax.grad(kind.law)(rest, rest, inputs.beta, constants))
-        for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+        for kind, constants in zip(scene.kinds, inputs.constants, strict=True)
     ]
-    patches = np.asarray(system.local_multipliers)[:, 0] - system.n_u
-    _, first = np.unique(patches, return_index=True)
-    return jnp.stack(of_kinds)[np.asarray(system.material)[first]]
+    _, first = np.unique(scene.p_patches, return_index=True)
+    return jnp.stack(of_kinds)[scene.material[first]]
 
 
 def loading(
