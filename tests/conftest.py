@@ -3,17 +3,20 @@
 One run of `jaxmyo paper` for all tests that look at what it writes.
 """
 
+import gc
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import jax
 import pytest
+
+from jaxmyo import sparse
 
 #: The command `jaxmyo` with these arguments.
 Command = Callable[..., subprocess.CompletedProcess[str]]
@@ -23,6 +26,15 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, max_examples=50, database=None)
 hypothesis.settings.load_profile("suite")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def free_compiled_programs() -> Iterator[None]:
+    """A process may map 65,530 pieces of memory, and compiled programs take several each: free them file by file."""
+    yield
+    sparse.forget()
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture(scope="session")
