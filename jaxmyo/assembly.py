@@ -4,7 +4,7 @@ The pattern is found once. JAX computes the element terms of a chunk while NumPy
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -47,16 +47,17 @@ class Elements(NamedTuple):
 class Terms(NamedTuple):
     """The terms of the elements of a chunk, (n_elements, ...) each.
 
-    r: (24,) forces; K: (300,) upper triangle of the tangent, rows first, with the augmentation; B: (24, multipliers)
-    its coupling with p and q; D: (multipliers,) second derivative by them; r_m: (multipliers,) residual; least_J.
+    In JAX or, of a chunk that is done, in NumPy. r: (24,) forces; K: (300,) upper triangle of the tangent, rows first,
+    with the augmentation; B: (24, multipliers) its coupling with p and q; D: (multipliers,) second derivative by them;
+    r_m: (multipliers,) residual; least_J.
     """
 
-    r: Array
-    K: Array
-    B: Array
-    D: Array
-    r_m: Array
-    least_J: Array
+    r: Any
+    K: Any
+    B: Any
+    D: Any
+    r_m: Any
+    least_J: Any
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,11 @@ class Pattern:
     def matrix(self, data: Floats) -> sp.csr_matrix:
         """The upper triangle with these entries."""
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.n_u, self.n_u))
+
+    def full(self, data: Floats) -> sp.csr_matrix:
+        """Both triangles."""
+        upper = self.matrix(data)
+        return (upper + sp.triu(upper, 1).T).tocsr()
 
     def find(self, rows: NDArray[Any], columns: NDArray[Any]) -> Ints:
         """Positions of entries of the upper triangle."""
@@ -147,6 +153,12 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)
 
 
+def _in_blocks(function: Callable[[Any], Any], arrays: Any) -> Any:
+    """The function of arrays (n_elements, ...), a `BLOCK` of elements at a time."""
+    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), arrays)
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(function, split))
+
+
 @partial(jax.jit, static_argnames=("inside",))
 def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: Any, inside: tuple[bool, ...]) -> Terms:
     """The terms of a chunk. u: (n_nodes, 3); m: (n_elements, multipliers); inputs: with the tensions of the chunk.
@@ -186,8 +198,7 @@ def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: A
         e, *further = at
         return jax.vmap(element)(e, u[e.cells], *further)
 
-    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), (e, m, inputs.T_f, inputs.T_cf))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(block, split))
+    return _in_blocks(block, (e, m, inputs.T_f, inputs.T_cf))
 
 
 @jax.jit
@@ -216,17 +227,14 @@ def _rate(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, 
 
         return jax.jvp(of, (u, T, inputs), (du, dT, by_t))[1]
 
-    tensions = ((inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf))
-    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), (e, m, *tensions))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(block, split))
+    return _in_blocks(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
 
 
 def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple[Array, Array]:
     """The loads at the nodes (n_nodes, 3), and the volumes (n_cavities,)."""
-    loads, theta = lagrangian.loads(system, pressures, inputs), system.points + u
-    volumes = [surface.enclosed(system.coordinates, wall, theta) for wall in system.cavities]
-    at_nodes = surface.nodal_forces(system.coordinates, loads, theta, system.points)
-    return at_nodes, jnp.stack(volumes) if volumes else jnp.zeros(0)
+    loads = lagrangian.loads(system, pressures, inputs)
+    at_nodes = surface.nodal_forces(system.coordinates, loads, system.points + u, system.points)
+    return at_nodes, lagrangian.enclosed(system, u)
 
 
 @jax.jit
@@ -255,7 +263,7 @@ class Assembly:
         tie_index, self.tie_scale = np.asarray(system.tie_index), np.asarray(system.tie_scale)
         dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 24)
         self.system = system
-        self.cells, self.tie_index = cells, tie_index
+        self.tie_index = tie_index
         self.dofs, self.scale = tie_index[dofs], self.tie_scale[dofs]
         self.pattern = pattern(cells, tie_index, self.tie_scale, system.n_u, patches)
         self.local = np.asarray(system.local_multipliers)
@@ -292,15 +300,15 @@ class Assembly:
         gamma: float,
         inside: tuple[bool, ...],
         chunks: int | None = None,
-    ) -> Iterator[tuple[Ints, list[Floats]]]:
+    ) -> Iterator[tuple[Ints, Terms]]:
         """(elements, their terms) of all chunks, or of the first ones; some are computed ahead."""
 
-        def compute(ids: Ints, e: Elements) -> list[Floats]:
+        def compute(ids: Ints, e: Elements) -> Terms:
             m = z[self.local[self._padded(ids)]]
             found = _terms(self._shared, e, u, m, self._cut(inputs, ids), np.float64(gamma), inside)
-            return [np.asarray(x)[: len(ids)] for x in found]
+            return Terms(*(np.asarray(x)[: len(ids)] for x in found))
 
-        ahead: list[tuple[Ints, Future[list[Floats]]]] = []
+        ahead: list[tuple[Ints, Future[Terms]]] = []
         for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
             ahead.append((ids, _THREADS.submit(compute, ids, e)))
             if len(ahead) > FLIGHT:
@@ -309,6 +317,11 @@ class Assembly:
         for ids, future in ahead:
             yield ids, future.result()
 
+    def add_to(self, r: Floats, ids: Ints, r_u: Any, r_m: Any) -> None:
+        """Add the forces (n, 24) and the constraints (n, multipliers) of elements `ids` to the residual (n,)."""
+        r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
+        r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
+
     def rates(self, u: Floats, du: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
         """The change (n,) of the residual with the inputs, loads included."""
         r = -np.asarray(by_t.imbalance)
@@ -316,8 +329,7 @@ class Assembly:
             m = z[self.local[self._padded(ids)]]
             cut = self._cut(inputs, ids), self._cut(by_t, ids)
             r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))
-            r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
-            r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
+            self.add_to(r, ids, r_u, r_m)
         if self.loaded:
             cut = self._of_loads(inputs), self._of_loads(by_t)
             pressures = self.system.pressures(z)

@@ -114,5 +114,11 @@ def choice(name: str, value: str, valid: list[str]) -> str:
     return value
 
 
+def missing(error: ModuleNotFoundError, what_needs: str, install: str) -> ModuleNotFoundError:
+    """The error for an optional package that is not there: who needs it, and how pip installs it."""
+    message = f"{what_needs} {error.name}, which is not installed: pip install {install}"
+    return ModuleNotFoundError(message, name=error.name)
+
+
 def _shape(shape: tuple[int | None, ...]) -> str:
     return str(tuple("n" if n is None else n for n in shape)).replace("'", "") if shape else "() (a scalar)"

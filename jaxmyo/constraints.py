@@ -26,8 +26,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
     Nor may the weave leave a mesh no displacement free: such a body is locked, and q has nothing to do with its muscle.
     soft: the weave has a finite stiffness, and is no constraint. A traced a/D is taken as 0.2.
     """
-    weave = system.weave and not soft
-    hard = _hard(system, soft=not weave)
+    hard = _hard(system, soft=soft)
     n_p, n_q = system.n_p, len(hard) - system.n_p
     if system.n_u == 0:
         return

@@ -98,7 +98,6 @@ def follow(
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
 
     moves = _differ(xp, start, end)  # else the start, corrected, is the end
-
     traced = checks.is_traced(z)
     watch = progress.Watch(settings.time_limit, settings.progress)
 
@@ -161,11 +160,11 @@ def follow(
 
         return control.choose(good, further, again)
 
-    none, one, infinite = xp.array(0), xp.array(1.0), xp.array(xp.inf)
+    none, one = xp.array(0), xp.array(1.0)
     first = _Path(
         t=-one,
         z=z,
-        at=At(xp.zeros_like(z), lin.nothing()[0], infinite, infinite, one, one, xp.array(True), 0.0 * one),
+        at=At.unknown(xp, z, lin.nothing()[0]),
         rate=xp.zeros_like(z),
         speed=0.0 * one,
         sign=0.0 * one,

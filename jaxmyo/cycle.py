@@ -12,13 +12,13 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, outputs, surface
+from jaxmyo import checks, lagrangian, outputs, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
-from jaxmyo.solve import DEFAULT, as_state, contraction, enclosed, follow, held, loading, unknowns
+from jaxmyo.solve import DEFAULT, as_state, contraction, follow, held, loading, unknowns
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 from jaxmyo.ties import Ties
@@ -69,17 +69,17 @@ def cycle(
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
     on_faces = tuple(c for c in every[0] if not isinstance(c, Tie | Volume))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
-    walls, _ = _cavities(scene, every[0])
+    walls, _ = surface.cavities(scene.mesh, every[0])
     system_C = loading(scene, _ties(scene, every[0]), surfaces, walls, every[0])
 
     def of_one(conditions: tuple[Condition, ...], beta: Array) -> _Step:
         on_faces = (c for c in conditions if not isinstance(c, Tie | Volume))
         loads = surface.build(scene.mesh, (*scene.springs, *on_faces))[1]
-        return _Step(beta, _ties(scene, conditions).offset, loads, _cavities(scene, conditions)[1])
+        return _Step(beta, _ties(scene, conditions).offset, loads, surface.cavities(scene.mesh, conditions)[1])
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
     run = _run if system_A.is_small and system_C.is_small else _run_on_host
-    found_A, found_C = run(system_A, system_C, inputs, unloaded, plan, valid, settings)
+    found_A, found_C = run(_Problem(system_A, system_C, inputs, unloaded, plan, valid), settings)
     A = _states(scene, system_A, found_A, ())
     C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie | Volume)))
     if throw and not checks.is_traced(found_C.status):
@@ -109,16 +109,22 @@ class _At(NamedTuple):
     begun: Array  # whether there is a state C
 
 
+class _Problem(NamedTuple):
+    """What all steps share: inputs of a state A, β apart; unloaded: the springs and no other load."""
+
+    system_A: System
+    system_C: System
+    inputs: Inputs
+    unloaded: dict[str, Array]
+    plan: _Step  # of all steps
+    valid: Array
+
+
 def _steps(
-    system_A: System,
-    system_C: System,
-    inputs: Inputs,
-    unloaded: dict[str, Array],
-    plan: _Step,
-    valid: Array,
-    settings: Settings,
+    problem: _Problem, settings: Settings
 ) -> tuple[_At, Callable[[_At, _Step], tuple[_At, tuple[Solution, Solution]]]]:
-    """Where the cycle starts, and one step of it. inputs: of a state A, β apart; unloaded: springs, no other load."""
+    """Where the cycle starts, and one step of it."""
+    system_A, system_C, inputs, unloaded, plan, valid = problem
 
     def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
         end = inputs._replace(beta=now.beta)
@@ -134,7 +140,9 @@ def _steps(
         z_u = unknowns(system_C, u.reshape(-1), now.offset)
         no_pressure = jnp.zeros(len(system_C.cavities))
         z_first = jnp.concatenate([z_u, A.z[system_A.n_u : system_A.n_u + system_A.n_p], no_pressure])
-        first = end._replace(offset=held(system_C, u.reshape(-1), z_u), loads=unloaded, volumes=enclosed(system_C, u))
+        first = end._replace(
+            offset=held(system_C, u.reshape(-1), z_u), loads=unloaded, volumes=lagrangian.enclosed(system_C, u)
+        )
         z, begin = jax.tree.map(
             lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
         )
@@ -149,40 +157,20 @@ def _steps(
 
 
 @partial(jax.jit, static_argnames=("settings",))
-def _run(
-    system_A: System,
-    system_C: System,
-    inputs: Inputs,
-    unloaded: dict[str, Array],
-    plan: _Step,
-    valid: Array,
-    settings: Settings,
-) -> tuple[Solution, Solution]:
+def _run(problem: _Problem, settings: Settings) -> tuple[Solution, Solution]:
     """The solutions A and C of all steps, in one program."""
-    start, step = _steps(system_A, system_C, inputs, unloaded, plan, valid, settings)
-    return jax.lax.scan(step, start, plan)[1]
+    start, step = _steps(problem, settings)
+    return jax.lax.scan(step, start, problem.plan)[1]
 
 
-def _run_on_host(
-    system_A: System,
-    system_C: System,
-    inputs: Inputs,
-    unloaded: dict[str, Array],
-    plan: _Step,
-    valid: Array,
-    settings: Settings,
-) -> tuple[Solution, Solution]:
+def _run_on_host(problem: _Problem, settings: Settings) -> tuple[Solution, Solution]:
     """The same, step by step."""
-    at, step = _steps(system_A, system_C, inputs, unloaded, plan, valid, settings)
+    at, step = _steps(problem, settings)
     found = []
-    for k in range(len(plan.beta)):
-        at, both = step(at, jax.tree.map(lambda x, k=k: x[k], plan))
+    for k in range(len(problem.plan.beta)):
+        at, both = step(at, jax.tree.map(lambda x, k=k: x[k], problem.plan))
         found.append(both)
     return jax.tree.map(lambda *x: jnp.stack(x), *found)
-
-
-def _cavities(scene: Scene, conditions: Sequence[Condition]) -> tuple[tuple[NDArray[np.int64], ...], Array]:
-    return surface.cavities(scene.mesh, [c for c in conditions if isinstance(c, Volume)])
 
 
 def _ties(scene: Scene, conditions: Sequence[Condition]) -> Ties:

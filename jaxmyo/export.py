@@ -48,8 +48,7 @@ def write_vtu(path: str | Path, state: State, refine: tuple[int, int, int] = (1,
     try:
         import meshio
     except ModuleNotFoundError as error:
-        message = f"write_vtu needs {error.name}, which is not installed: pip install 'jaxmyo[mesh]'"
-        raise ModuleNotFoundError(message, name=error.name) from error
+        raise checks.missing(error, "write_vtu needs", "'jaxmyo[mesh]'") from error
     if jnp.ndim(state.status):
         raise TypeError(
             f"state is a batch of shape {jnp.shape(state.status)}; write one of them, state[i], or all by write_series"

@@ -10,10 +10,10 @@ from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from jaxmyo import checks
 from jaxmyo.assembly import Pattern
 
 Floats = NDArray[np.float64]
@@ -26,8 +26,8 @@ class Solver(Protocol):
     """Solves with one symmetric matrix at a time, always of the same pattern (the upper triangle in CSR).
 
     augmentation: the γ, over the stiffness of the body, that suits it; iterations: Krylov iterations that are worth it
-    with the matrix of another tangent, and with its own; inertia: (negative eigenvalues, perturbed
-    pivots) of the matrix, −1 where they are not known.
+    with the matrix of another tangent, and with its own; inertia: (negative eigenvalues, perturbed pivots) of the
+    matrix, −1 where they are not known; size: of the factors and of the work to make them, as far as it is known.
     """
 
     name: str
@@ -118,9 +118,12 @@ class _SuperLU:
         self.size: dict[str, float] = {}
 
     def factorise(self, data: Floats) -> None:
-        upper = self._pattern.matrix(data)
-        matrix = (upper + sp.triu(upper, 1).T).tocsc()
-        self._lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        self._lu = splu(
+            self._pattern.full(data).tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
         self.inertia = (int(np.sum(self._lu.U.diagonal() < 0.0)), 0)
         self.size = {"factor GB": 16e-9 * self._lu.nnz}
 
@@ -139,15 +142,13 @@ class _Multigrid:
         try:
             import pyamg
         except ModuleNotFoundError as error:
-            message = f"a body of {pattern.n_u} unknowns needs {error.name}, which is not installed: pip install pyamg"
-            raise ModuleNotFoundError(message, name=error.name) from error
+            raise checks.missing(error, f"a body of {pattern.n_u} unknowns needs", "pyamg") from error
         self._build, self._pattern, self._motions = pyamg.smoothed_aggregation_solver, pattern, motions()
         self._cycle: Any = None
         self.size: dict[str, float] = {}
 
     def factorise(self, data: Floats) -> None:
-        upper = self._pattern.matrix(data)
-        matrix = (upper + sp.triu(upper, 1).T).tocsr()
+        matrix = self._pattern.full(data)
         if self._pattern.n_u % 3 == 0:
             matrix = matrix.tobsr((3, 3))
         smoother = ("block_gauss_seidel", {"sweep": "symmetric"})

@@ -367,6 +367,12 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
     return r, K
 
 
+def enclosed(system: System, u: Any) -> Array:
+    """The volumes (n_cavities,) [mm³] of the cavities at displacements u (n_nodes, 3)."""
+    each = [surface.enclosed(system.coordinates, wall, system.points + u) for wall in system.cavities]
+    return jnp.stack(each) if each else jnp.zeros(0)
+
+
 def loads(system: System, pressures: Any, inputs: Inputs) -> list[surface.Loads]:
     """The loads, the pressures (n_cavities,) in the cavities among them."""
     return surface.every(system.surfaces, inputs.loads, system.cavities, pressures)

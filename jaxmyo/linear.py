@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import Array
 
-from jaxmyo import checks, lagrangian, surface
+from jaxmyo import checks, lagrangian
 from jaxmyo.lagrangian import Inputs, System
 
 EPS = 2.2e-16  # float64
@@ -49,6 +49,18 @@ class At(NamedTuple):
         """The larger of (force imbalance as a stress / largest stiffness) and (constraint violation) [–]."""
         return (self.stress / self.modulus).clip(self.violation)
 
+    @classmethod
+    def unknown(cls, xp: ModuleType, z: Any, K: Any) -> "At":
+        """Before anything was computed, to begin a loop with."""
+        one, infinite = xp.array(1.0), xp.array(xp.inf)
+        return cls(xp.zeros_like(z), K, infinite, infinite, one, one, xp.array(True), 0.0 * one)
+
+
+def stiffness(xp: ModuleType, scale: Scales, diagonal: Any) -> Any:
+    """The largest stress [kPa] by a unit strain of one unknown; diagonal: (n_u,) of the tangent."""
+    unit, volume = scale.unit[: len(diagonal)], scale.volume[: len(diagonal)]
+    return xp.max(xp.abs(diagonal * unit * (unit / volume)), initial=xp.finfo(diagonal.dtype).tiny)
+
 
 def summary(xp: ModuleType, system: System, scale: Scales, z: Any, r: Any, diagonal: Any, least_J: Any, K: Any) -> At:
     """What Newton's method asks of a point, with `jax.numpy` or `numpy`; diagonal: (n_u,) of the tangent.
@@ -57,9 +69,7 @@ def summary(xp: ModuleType, system: System, scale: Scales, z: Any, r: Any, diago
     """
     n_u = system.n_u
     weigh = scale.unit / scale.volume
-    tiny = xp.finfo(z.dtype).tiny
-    stiffness = xp.max(xp.abs(diagonal * scale.unit[:n_u] * weigh[:n_u]), initial=tiny)
-    G = xp.max(xp.abs(z[n_u:]), initial=tiny).clip(stiffness)
+    G = xp.max(xp.abs(z[n_u:]), initial=0.0).clip(stiffness(xp, scale, diagonal))
     rounding = 4.0 * EPS * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
     return At(
         r=r,
@@ -80,14 +90,9 @@ def scales(system: System, metric_diagonal: Array) -> Scales:
     volume = jnp.zeros(system.size).at[system.local_u].add(size[:, None] * touches)
     volume = volume.at[system.local_multipliers].add(size[:, None])
     if system.cavities:
-        volume = volume.at[-len(system.cavities) :].set(cavity_scales(system))
+        volume = volume.at[-len(system.cavities) :].set(lagrangian.enclosed(system, jnp.zeros_like(system.points)))
     unit = jnp.ones(system.size).at[: system.n_u].set(jnp.sqrt(volume[: system.n_u] / metric_diagonal))
     return Scales(unit, volume)
-
-
-def cavity_scales(system: System) -> Array:
-    """The volumes (n_cavities,) [mm³] of the cavities at rest."""
-    return jnp.stack([surface.enclosed(system.coordinates, wall, system.points) for wall in system.cavities])
 
 
 @jax.jit

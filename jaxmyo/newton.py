@@ -156,7 +156,7 @@ def solve(
     one, infinite = xp.array(1.0), xp.array(xp.inf)
     start = Iterate(
         z=z,
-        at=At(xp.zeros_like(z), K, infinite, infinite, one, one, xp.array(True), 0.0 * one),
+        at=At.unknown(xp, z, K),
         factors=factors,
         delta=xp.zeros_like(z),
         size=infinite,

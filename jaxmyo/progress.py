@@ -5,6 +5,7 @@ import time
 from types import TracebackType
 from typing import Any
 
+from jaxmyo import checks
 from jaxmyo.linear import At
 
 LOG = logging.getLogger("jaxmyo")
@@ -38,8 +39,7 @@ class Watch:
             try:
                 from tqdm import tqdm
             except ModuleNotFoundError as error:
-                message = "a progress bar needs tqdm, which is not installed: pip install tqdm"
-                raise ModuleNotFoundError(message, name="tqdm") from error
+                raise checks.missing(error, "a progress bar needs", "tqdm") from error
             self._bar = tqdm(total=100.0, unit="%", bar_format="{desc}{percentage:3.0f} % |{bar}| {elapsed}{postfix}")
 
     @property

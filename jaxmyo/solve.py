@@ -71,10 +71,10 @@ def load(
 
     Stationary point over u, p of ∫ W* + ½ βT0 ln I4 + ½ T_A^f ln I4 + ½ T_A^cf ln I6 − ½ p (I3−1) dV less the work of
     the loads. conditions: ties such as `Stretch` and `Displacement` (of a face and axis that a support holds: it moves
-    the support), `Traction`, `Pressure`, `BodyForce`, `Spring`, `Volume`; what is not prescribed
-    is free. The path starts at the state A without load, or at `start`, another state C of this scene (the next step of
-    a cycle): loads, tensions and activation then move together from those of `start` to the new ones, and what `start`
-    was held by fades. A body can have several states C under one load; where the path starts decides which is found.
+    the support), `Traction`, `Pressure`, `BodyForce`, `Spring`, `Volume`; what is not prescribed is free. The path
+    starts at the state A without load, or at `start`, another state C of this scene (the next step of a cycle): loads,
+    tensions and activation then move together from those of `start` to the new ones, and what `start` was held by
+    fades. A body can have several states C under one load; where the path starts decides which is found.
     throw: as in `contract`.
     """
     if jnp.ndim(state.status):
@@ -92,7 +92,7 @@ def load(
             )
     scene, origin = state.scene, state if start is None else start
     loads = tuple(c for c in conditions if not isinstance(c, Tie | Volume))
-    walls, volumes = surface.cavities(scene.mesh, [c for c in conditions if isinstance(c, Volume)])
+    walls, volumes = surface.cavities(scene.mesh, conditions)
     ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
     system = loading(scene, ties, surfaces, walls, (origin.status, state.status, conditions))
@@ -103,7 +103,7 @@ def load(
     u = origin.u.reshape(-1)
     z_u = unknowns(system, u, ties.offset)
     begin = origin.inputs._replace(T_f=origin.T_f, T_cf=origin.T_cf, offset=held(system, u, z_u), loads=before)
-    begin = begin._replace(volumes=enclosed(system, origin.u), imbalance=none)
+    begin = begin._replace(volumes=lagrangian.enclosed(system, origin.u), imbalance=none)
     stretches = [
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
@@ -175,12 +175,6 @@ def loading(
 def _is_large(ties: Ties, *inputs: Any) -> bool:
     """Whether the body is solved by sparse factors: it has many unknowns, and no input is traced."""
     return ties.size > LARGE and not checks.is_traced((ties.offset, inputs))
-
-
-def enclosed(system: System, u: Array) -> Array:
-    """The volumes (n_cavities,) [mm³] of the cavities at displacements u (n_nodes, 3)."""
-    each = [surface.enclosed(system.coordinates, wall, system.points + u) for wall in system.cavities]
-    return jnp.stack(each) if each else jnp.zeros(0)
 
 
 def unknowns(system: System, u: Array, offset: Array) -> Array:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
-from jaxmyo import checks, factor, linear
+from jaxmyo import checks, factor, lagrangian, linear
 from jaxmyo.assembly import Assembly, upper_diagonals, upper_triangles
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
@@ -140,7 +140,7 @@ class Sparse:
         for own in patch.T:
             volume += np.bincount(n_u + own, size, minlength=len(volume))
         if self.system.cavities:
-            volume[-len(self.system.cavities) :] = linear.cavity_scales(self.system)
+            volume[-len(self.system.cavities) :] = lagrangian.enclosed(self.system, np.zeros(self.system.points.shape))
         unit = np.ones(len(volume))
         unit[:n_u] = np.sqrt(volume[:n_u] / diagonal)
         return Scales(unit, volume)  # type: ignore[arg-type]
@@ -181,17 +181,16 @@ class Sparse:
         u = self._displacements(z, inputs)
         if not self._stiffness:
             ids, t = next(a.terms(u, z, inputs, 1e-30, self._inside, chunks=1))
-            diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t[1]).ravel(), n_u)
-            self._stiffness = self._stiffness_of(diagonal) or 1.0
+            diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t.K).ravel(), n_u)
+            self._stiffness = float(linear.stiffness(np, self.scale, diagonal))
         r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
         B, D, least_J = np.zeros(len(self._coupling)), np.zeros(self.n_m), np.inf
         for ids, t in a.terms(u, z, inputs, self._gamma, self._inside):
-            r += np.bincount(a.dofs[ids].ravel(), t[0].ravel(), len(r))
-            r += np.bincount(a.local[ids].ravel(), t[4].ravel(), len(r))
-            self.pattern.add_upper(data, ids, t[1])
-            np.add.at(B, self._entry[ids].ravel(), t[2].ravel())
-            np.add.at(D, a.local[ids].ravel() - n_u, t[3].ravel())
-            least_J = min(least_J, float(t[5].min()))
+            a.add_to(r, ids, t.r, t.r_m)
+            self.pattern.add_upper(data, ids, t.K)
+            np.add.at(B, self._entry[ids].ravel(), t.B.ravel())
+            np.add.at(D, a.local[ids].ravel() - n_u, t.D.ravel())
+            least_J = min(least_J, float(t.least_J.min()))
         data = data[:-1]
         kept = self._coupling >= 0
         rows, columns = np.divmod(self._coupling[kept], n_u)
@@ -201,7 +200,7 @@ class Sparse:
         squares = coupling.copy()
         squares.data **= 2
         diagonal = data[self.pattern.diagonal] - squares.T @ inside
-        stiffness = self._stiffness_of(diagonal)
+        stiffness = float(linear.stiffness(np, self.scale, diagonal))
         if not 0.1 * self._stiffness <= stiffness <= 10.0 * self._stiffness and np.isfinite(stiffness):
             self._stiffness, self._factored = stiffness, None  # another material: what was augmented does not suit it
             return self._assembled(z, inputs)
@@ -285,12 +284,7 @@ class Sparse:
         self._held = int(np.sum(np.linalg.eigvalsh(0.5 * (S + S.T)) < 0.0)) if len(S) else 0
         self._factored, self._compared = K, None
         # The next tangents are augmented in proportion to the stiffness that this one has.
-        self._stiffness = self._stiffness_of(K.diagonal)
-
-    def _stiffness_of(self, diagonal: Any) -> float:
-        """The largest stress [kPa] by a unit strain of one unknown."""
-        weigh = (self.scale.unit**2 / self.scale.volume)[: self.system.n_u]
-        return float(np.max(np.abs(diagonal) * weigh))
+        self._stiffness = float(linear.stiffness(np, self.scale, K.diagonal))
 
     def _symmetric(self, K: Tangent, mu: float) -> Floats:
         """The upper triangle (nnz,) of the symmetric part of A + BᵀWB + μ·metric, loads included."""

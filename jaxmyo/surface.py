@@ -1,8 +1,7 @@
 """Loads: dead and follower tractions, pressure in deformed geometry, springs, body forces; volumes of cavities.
 
 Each kind of load is one function of the deformed and the reference nodes of a quad (of a hexahedron, for body forces).
-The forces are conjugate to the
-world coordinates: mN for a length, mN·mm for an angle.
+The forces are conjugate to the world coordinates: mN for a length, mN·mm for an angle.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +15,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks
-from jaxmyo.conditions import BodyForce, Load, Pressure, Spring, Traction, Volume
+from jaxmyo.conditions import BodyForce, Condition, Load, Pressure, Spring, Traction, Volume
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.mesh import Mesh
@@ -183,10 +182,10 @@ def _name(load: Load | Spring) -> str:
     return f"{type(load).__name__}({load.face!r})"
 
 
-def cavities(mesh: Mesh, conditions: Sequence[Volume]) -> tuple[tuple[NDArray[np.int64], ...], Array]:
-    """The quads (n, 4) of the walls of cavities, and the volumes (n_cavities,) [mm³] that they are to enclose."""
+def cavities(mesh: Mesh, conditions: Sequence[Condition]) -> tuple[tuple[NDArray[np.int64], ...], Array]:
+    """Of the `Volume`s among conditions: quads (n, 4) of the walls, and the volumes (n_cavities,) to enclose [mm³]."""
     found, wanted = [], []
-    for condition in conditions:
+    for condition in (c for c in conditions if isinstance(c, Volume)):
         name = f"Volume({condition.face!r})"
         quads = mesh.face(condition.face)
         at_rest = float(enclosed(mesh.coordinates, quads, mesh.points))

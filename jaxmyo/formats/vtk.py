@@ -14,6 +14,7 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxmyo import checks
 from jaxmyo.formats import Content, nodal
 from jaxmyo.mesh import Mesh
 
@@ -82,8 +83,7 @@ def _meshio(path: Path) -> ModuleType:
         if path.suffix == ".xdmf":
             import_module("h5py")  # meshio reads and writes no XDMF without it
     except ModuleNotFoundError as error:
-        message = f"{path.suffix} files need {error.name}, which is not installed: pip install 'jaxmyo[mesh]'"
-        raise ModuleNotFoundError(message, name=error.name) from error
+        raise checks.missing(error, f"{path.suffix} files need", "'jaxmyo[mesh]'") from error
     return meshio
 
 
