@@ -167,8 +167,11 @@ def _directions(state: State, means: _Means, N: NDArray[np.float64]) -> dict[str
 
 def _bare(state: State) -> State:
     """Without what the fields do not depend on: bodies of one size share a compiled program, whatever loads them."""
-    system, inputs = replace(state.system, surfaces={}), state.inputs._replace(loads={})
-    return replace(state, scene=cast(Scene, None), system=system, inputs=inputs, conditions=())
+    system, inputs = replace(state.system, surfaces={}, cavities=()), state.inputs._replace(loads={})
+    inputs = inputs._replace(volumes=jnp.zeros(0))
+    return replace(
+        state, scene=cast(Scene, None), system=system, inputs=inputs, conditions=(), cavity_pressures=jnp.zeros(0)
+    )
 
 
 @jax.jit

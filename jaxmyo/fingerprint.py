@@ -16,12 +16,14 @@ DECIMALS = 9
 
 
 def fingerprint(scene: Scene) -> dict[str, str]:
-    """Part of the scene → its hash. The law's text is not part of it: its name, and its energy in one deformation."""
+    """Part of the scene → its hash. A law's text is not part of it: its name, and its energy in one deformation."""
     mesh, c = scene.mesh, scene.mesh.coordinates
-    law = getattr(scene.law, "__qualname__", type(scene.law).__qualname__)
+    laws = [kind.law for kind in scene.kinds]
     C, frame = jnp.array([[1.2, 0.1, 0.0], [0.1, 0.9, 0.05], [0.0, 0.05, 1.0]]), jnp.eye(3)
-    energy = float(scene.law(C, frame, jnp.asarray(0.5, dtype=float), scene.constants))
-    constants = jax.tree_util.tree_flatten_with_path(scene.constants)[0]
+    every = list(zip(laws, scene.constants_of_kinds(), strict=True))
+    energies = [f"{float(law(C, frame, jnp.asarray(0.5, dtype=float), constants)):.9e}" for law, constants in every]
+    names = [getattr(law, "__qualname__", type(law).__qualname__) for law in laws]
+    constants = jax.tree_util.tree_flatten_with_path(scene.constants_of_kinds())[0]
     return {
         "mesh points": _hash(_rounded(mesh.points)),
         "cells": _hash(mesh.cells),
@@ -29,13 +31,19 @@ def fingerprint(scene: Scene) -> dict[str, str]:
         "coordinates": _hash(c.name, *c.axes, *c.units, _rounded(evaluate(c.position, mesh.points))),
         "Gauss points": _hash(np.array(scene.orders)),
         "fibre and cross": _hash(_rounded(scene.frame)),
-        "law": _hash(law),
+        "regions": _hash(*(part for k, name in enumerate(scene.regions, start=1) for part in _region(scene, k, name))),
+        "law": _hash(*names),
         "constants": _hash(*(part for at, x in constants for part in (jax.tree_util.keystr(at), np.asarray(x)))),
-        "energy density": _hash(f"{energy:.9e}"),
+        "energy density": _hash(*energies),
         "p_patches": _hash(scene.p_patches),
         "q_patches": _hash(scene.q_patches),
         "supports": _hash(*(part for support in scene.supports for part in _support(support))),
     }
+
+
+def _region(scene: Scene, k: int, name: str) -> list[Any]:
+    kind = scene.kinds[k]
+    return [f"{name} {kind.active} {kind.weave}", np.flatnonzero(scene.material == k)]
 
 
 def _support(support: Any) -> list[Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxmyo import checks, lagrangian
-from jaxmyo.conditions import Pressure, Spring, Traction
+from jaxmyo.conditions import BodyForce, Pressure, Spring, Traction
 from jaxmyo.files import whole
 from jaxmyo.fingerprint import fingerprint
 from jaxmyo.lagrangian import Inputs, System
@@ -24,8 +24,8 @@ from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.ties import Ties
 
-FORMAT, VERSION = "jaxmyo state", 1  # another version wherever the fields of State or Inputs change
-_CONDITIONS = {kind.__name__: kind for kind in (Traction, Pressure, Spring)}
+FORMAT, VERSION = "jaxmyo state", 2  # another version wherever the fields of State or Inputs change
+_CONDITIONS = {kind.__name__: kind for kind in (Traction, Pressure, BodyForce, Spring)}
 _FIELDS = [f.name for f in fields(State) if f.name not in ("scene", "system", "inputs", "conditions")]
 
 
@@ -78,7 +78,7 @@ def load_state(path: str | Path, scene: Scene) -> State:
 
 
 def _content(state: State) -> dict[str, Any]:
-    """What is not the scene's; of the system its ties and loaded quads."""
+    """What is not the scene's; of the system its ties, loaded quads and cavities."""
     system = state.system
     batch = system.weight.shape[:-2]  # a batch that `vmap` made repeats the system
     first = (0,) * len(batch)
@@ -92,6 +92,7 @@ def _content(state: State) -> dict[str, Any]:
             "index": system.tie_index[first],
             "scale": system.tie_scale[first],
             "surfaces": {kind: quads[first] for kind, quads in system.surfaces.items()},
+            "cavities": tuple(wall[first] for wall in system.cavities),
             "batch": batch,
             "large": not system.is_small,
         },
@@ -105,13 +106,16 @@ def _system(
     index: Any,
     scale: Any,
     surfaces: dict[str, Any],
+    cavities: tuple[Any, ...],
     batch: tuple[int, ...],
     large: bool,
 ) -> System:
     """The discrete problem, as `contract` and `load` build it."""
     ties = Ties(np.asarray(index), np.asarray(scale), jnp.zeros(scale.shape), n_u)  # inputs.offset has the offset
     quads = {kind: np.asarray(q) for kind, q in surfaces.items()}
-    system = jax.tree.map(jnp.asarray, lagrangian.build(scene, ties, weave=weave, surfaces=quads, large=large))
+    walls = [np.asarray(wall) for wall in cavities]
+    built = lagrangian.build(scene, ties, weave=weave, surfaces=quads, cavities=walls, large=large)
+    system = jax.tree.map(jnp.asarray, built)
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), system) if batch else system
 
 

@@ -82,6 +82,25 @@ def test_conditions_keep_their_kinds(C: jm.State, reloaded: Callable[..., jm.Sta
     assert_same(replace(C, conditions=conditions), reloaded(replace(C, conditions=conditions)))
 
 
+def in_regions(active: bool = True) -> jm.Scene:
+    """The tube with an outer half of its own material."""
+    scene = jm.radial_tube(4)
+    mesh = replace(scene.mesh, regions={"in": np.array([0, 1]), "out": np.array([2, 3])})
+    return replace(scene, mesh=mesh, regions={"out": jm.Material(jm.lin_yin, jm.TABLE1, active=active)})
+
+
+def test_cavities_body_forces_and_regions(reloaded: Callable[..., jm.State]) -> None:
+    A = jm.contract(in_regions(), T0=5.0, a_over_D=None)
+    inside = float(A.cavity_volume("inner"))
+    C = jm.load(A, jm.Volume("inner", 1.05 * inside), jm.BodyForce((0.1, 0.0, 0.0), region="out"))
+    again = reloaded(C, in_regions())
+    assert_same(C, again)
+    assert str(again) == str(C)
+    assert again.cavity_pressures[0] == C.cavity_pressures[0]
+    with pytest.raises(ValueError, match="they differ in: regions$"):
+        reloaded(C, in_regions(active=False))
+
+
 def test_loads_that_faded_are_still_there(C: jm.State, reloaded: Callable[..., jm.State]) -> None:
     """After `load(A, start=C)` with other kinds of conditions, the old ones stay in the system, with 0 kPa."""
     faded = {kind: 0.0 * values for kind, values in C.inputs.loads.items()}
@@ -193,7 +212,7 @@ def test_another_version(A: jm.State, scene: jm.Scene, tmp_path: Path, monkeypat
     monkeypatch.setattr(restart, "VERSION", 99)
     jm.save_state(path, A)
     monkeypatch.undo()
-    with pytest.raises(ValueError, match=r"state.npz is of format version 99; this jaxmyo reads 1"):
+    with pytest.raises(ValueError, match=r"state.npz is of format version 99; this jaxmyo reads 2"):
         jm.load_state(path, scene)
 
 
@@ -203,7 +222,7 @@ def test_the_file_is_plain(C: jm.State, tmp_path: Path) -> None:
         np.testing.assert_array_equal(file["inputs.T_f"], C.inputs.T_f)
         header = json.loads(file["header"].tobytes())
         assert not any(name.startswith("system.columns") for name in file.files)
-    assert (header["format"], header["version"]) == ("jaxmyo state", 1)
+    assert (header["format"], header["version"]) == ("jaxmyo state", 2)
     pressure = header["state"]["dict"]["conditions"]["tuple"][0]["Pressure"]
     assert pressure == {"face": "inner", "value": 4.0, "ends": "open"}
 
