@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from jaxmyo import checks, lagrangian
+from jaxmyo.coordinates import evaluate
 from jaxmyo.invariants import weave_h
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
@@ -69,9 +70,7 @@ def _jacobian_at_rest(system: System, a_over_D: float) -> NDArray[np.float64]:
     weight, frame = np.asarray(system.weight), np.asarray(system.frame)
     rows = [-np.einsum("eg,egiil->el", weight, dF)]
     if system.weave:
-        with jax.ensure_compile_time_eval():
-            one = jnp.ones(())
-            by_4, by_6 = (float(d) for d in jax.grad(weave_h, argnums=(0, 1))(one, one, jnp.asarray(a_over_D)))
+        by_4, by_6 = (float(d) for d in evaluate(_slopes_at_rest, np.array([a_over_D]))[0])
         for derivative, k, store in ((by_4, 0, rows), (by_6, 1, rows)):
             store.append(-derivative * np.einsum("eg,egi,egijl,egj->el", weight, frame[:, :, k], dF, frame[:, :, k]))
         rows = [rows[0], rows[1] + rows[2]]
@@ -80,6 +79,12 @@ def _jacobian_at_rest(system: System, a_over_D: float) -> NDArray[np.float64]:
     for row, patch in zip(rows, np.asarray(system.local_multipliers).T, strict=True):
         np.add.at(B, (patch[:, None], own), row)
     return _normalised(system, B[system.n_u :])
+
+
+def _slopes_at_rest(a_over_D: Array) -> Array:
+    """h4 and h6 (2,) at rest."""
+    one = jnp.ones(())
+    return jnp.stack(jax.grad(weave_h, argnums=(0, 1))(one, one, a_over_D))
 
 
 def _normalised(system: System, B: NDArray[np.float64]) -> NDArray[np.float64]:

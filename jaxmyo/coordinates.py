@@ -48,6 +48,10 @@ class Coordinates:
             return self.scale_factors(theta)
         return jnp.sqrt(jnp.sum(jax.jacfwd(self.position)(theta) ** 2, axis=0))
 
+    def by_theta(self, theta: Any) -> Array:
+        """∂g_i/∂θ_k (3, 3) at θ (3,)."""
+        return jax.jacfwd(self.g)(theta)
+
     def inside(self, theta: Any) -> Array:
         """Whether θ (3,) is where the coordinates are right-handed: not at a negative radius, for example."""
         if self.scale_factors is not None:
@@ -61,15 +65,18 @@ class Coordinates:
 
 
 def evaluate(function: Map, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A function of each of n points (n, ...), in numbers: also while JAX traces, since meshes are not traced."""
-    with jax.ensure_compile_time_eval():
-        return np.asarray(_of_many(function)(jnp.asarray(points)))
+    """A function of each of n points (n, ...), in numbers: also while JAX traces, since meshes are not traced.
+
+    It is compiled once per function and shape.
+    """
+    return np.asarray(_of_many(function, points.shape)(points))
 
 
 @lru_cache
-def _of_many(function: Map) -> Map:
-    """The compiled function of many points, once per function."""
-    return jax.jit(jax.vmap(function))
+def _of_many(function: Map, shape: tuple[int, ...]) -> Map:
+    """The compiled function of many points, which also runs while JAX traces."""
+    compiled: Map = jax.jit(jax.vmap(function)).lower(jax.ShapeDtypeStruct(shape, float)).compile()
+    return compiled
 
 
 def _cartesian(theta: Array) -> Array:

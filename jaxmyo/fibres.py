@@ -7,7 +7,9 @@ rounding in a file (`ROUNDING`) is said by a UserWarning.
 import warnings
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo.hexahedron import shape
@@ -42,6 +44,42 @@ def frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> NDArra
     return np.stack([f, c, np.cross(f, c)], axis=-2)
 
 
+def traced_frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> Array:
+    """The same frame, of vectors that JAX traces. What has no direction gives NaN."""
+    N = shape(xi)
+    f, c = (_spread(name, jnp.asarray(v, dtype=float), mesh, N) for name, v in (("fibre", fibre), ("cross", cross)))
+    f = f / jnp.linalg.norm(f, axis=-1, keepdims=True)
+    c = c - jnp.sum(f * c, axis=-1, keepdims=True) * f
+    c = c / jnp.linalg.norm(c, axis=-1, keepdims=True)
+    return jnp.stack([f, c, jnp.cross(f, c)], axis=-2)
+
+
+def _spread(name: str, array: Any, mesh: Mesh, N: NDArray[np.float64]) -> Any:
+    """Vectors at the points (n_elements, n_points, 3)."""
+    _check_shape(name, array.shape, mesh, len(N))
+    if array.shape == (len(mesh.points), 3):
+        nodes = array / jnp.linalg.norm(array, axis=-1, keepdims=True)
+        return jnp.einsum("ga,eai->egi", N, nodes[mesh.cells])
+    full = (len(mesh.cells), len(N), 3)
+    return jnp.broadcast_to(array[:, None] if array.ndim == 2 else array[(None,) * (3 - array.ndim)], full)
+
+
+def _check_shape(name: str, shape: tuple[int, ...], mesh: Mesh, n_points: int) -> None:
+    """Errors for what is no field of vectors, and for one that could be per element or per node."""
+    n_e, n_n = len(mesh.cells), len(mesh.points)
+    full = (n_e, n_points, 3)
+    if shape not in ((3,), (n_e, 3), (n_n, 3), full):
+        raise ValueError(
+            f"{name} must have shape (3,), ({n_e}, 3) per element, ({n_n}, 3) per node or {full} per quadrature point; "
+            f"got {shape}"
+        )
+    if len(shape) == 2 and n_e == n_n:
+        raise ValueError(
+            f"{name} of shape {shape} is ambiguous: the mesh has as many nodes as elements ({n_n}); give it per "
+            f"quadrature point, {full}"
+        )
+
+
 def _directions(
     name: str, value: Any, mesh: Mesh, xi: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
@@ -59,17 +97,8 @@ def _directions(
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} must be numbers, vectors; got {value!r}") from error
+    _check_shape(name, array.shape, mesh, len(xi))
     full = (n_e, len(xi), 3)
-    if array.shape not in ((3,), (n_e, 3), (n_n, 3), full):
-        raise ValueError(
-            f"{name} must have shape (3,), ({n_e}, 3) per element, ({n_n}, 3) per node or {full} per quadrature point; "
-            f"got {array.shape}"
-        )
-    if array.ndim == 2 and n_e == n_n:
-        raise ValueError(
-            f"{name} of shape {array.shape} is ambiguous: the mesh has as many nodes as elements ({n_n}); give it per "
-            f"quadrature point, {full}"
-        )
     if array.shape == (n_n, 3):
         nodes = _unit(name, array, "node {}")
         inside = np.einsum("ga,eai->egi", N, nodes[mesh.cells])

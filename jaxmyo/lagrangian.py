@@ -17,12 +17,11 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import energies, surface
+from jaxmyo import checks, energies, surface
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.invariants import I4, I6
-from jaxmyo.mesh import Mesh
 from jaxmyo.scene import Scene
 from jaxmyo.ties import Ties
 
@@ -50,6 +49,13 @@ class Inputs(NamedTuple):
     imbalance: Array
 
 
+class Geometry(NamedTuple):
+    """What takes the place of the scene's: points (n_nodes, 3) Θ [mm, rad]; frame (n_elements, n_points, 3, 3)."""
+
+    points: Array
+    frame: Array
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class System:
@@ -65,7 +71,8 @@ class System:
     the `kinds` an element is made of; weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3);
     N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points,
     3) Θ and 1/g(Θ); cells: (n_elements, 8); tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4), or
-    (n, 8) hexahedra; cavities: the walls (n_quads, 4) of each; points: (n_nodes, 3) Θ [mm, rad].
+    (n, 8) hexahedra; cavities: the walls (n_quads, 4) of each; points: (n_nodes, 3) Θ [mm, rad]; own_geometry: whether
+    points and frame are not the scene's.
     """
 
     kinds: tuple[Kind, ...] = field(metadata={"static": True})
@@ -74,6 +81,7 @@ class System:
     n_u: int = field(metadata={"static": True})
     n_p: int = field(metadata={"static": True})
     n_q: int = field(metadata={"static": True})
+    own_geometry: bool = field(metadata={"static": True})
     columns: Array | None
     gradient: Array | None
     weight: Array
@@ -103,6 +111,11 @@ class System:
         return self.columns is not None
 
     @property
+    def geometry(self) -> Geometry | None:
+        """The geometry, if it is not the scene's."""
+        return Geometry(self.points, self.frame) if self.own_geometry else None
+
+    @property
     def multipliers(self) -> int:
         """Multipliers that an element feels: p, and q where the weave acts."""
         return 2 if self.weave else 1
@@ -113,9 +126,14 @@ class System:
 
     def displacements(self, z: Array, inputs: Inputs) -> Array:
         """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
-        if not self.n_u:
-            return inputs.offset.reshape(-1, 3)
-        return (inputs.offset + self.tie_scale * z[self.tie_index]).reshape(-1, 3)
+        return _displacements(self, z, inputs.offset)
+
+
+@jax.jit
+def _displacements(system: System, z: Array, offset: Array) -> Array:
+    if not system.n_u:
+        return offset.reshape(-1, 3)
+    return (offset + system.tie_scale * z[system.tie_index]).reshape(-1, 3)
 
 
 def build(
@@ -126,25 +144,31 @@ def build(
     surfaces: Mapping[str, np.ndarray],
     cavities: Sequence[np.ndarray] = (),
     large: bool = False,
+    geometry: Geometry | None = None,
 ) -> System:
-    """The discrete problem of a scene under its ties, in NumPy; surfaces, cavities: as in `System`."""
+    """The discrete problem of a scene under its ties; surfaces, cavities: as in `System`.
+
+    In NumPy, unless the ties or the geometry are traced.
+    """
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
+    points, frame = geometry or Geometry(mesh.points, scene.frame)  # type: ignore[arg-type]
+    xp = jnp if checks.is_traced((points, frame, ties.scale)) else np
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
-    jacobian = np.einsum("eai,gaj->egij", mesh.points[mesh.cells], dxi, optimize=True)
-    dN = dxi[None] @ np.linalg.inv(jacobian)
-    weight = np.linalg.det(jacobian) * w[None]
-    theta = N[None] @ mesh.points[mesh.cells]
-    g = evaluate(jax.vmap(coordinates.g), theta) if coordinates.curved else np.ones_like(theta)
-    weight, dN = weight * np.prod(g, axis=-1), dN / g[:, :, None, :]
-    columns, gradient, unknowns = (None, None, None) if large else _columns(mesh, coordinates, ties, N, dN, theta, g)
+    jacobian = xp.einsum("eai,gaj->egij", points[mesh.cells], dxi, optimize=True)
+    dN = xp.asarray(dxi)[None] @ xp.linalg.inv(jacobian)
+    weight = xp.linalg.det(jacobian) * w[None]
+    theta = xp.asarray(N)[None] @ points[mesh.cells]
+    g = _at_points(coordinates.g, theta) if coordinates.curved else np.ones(theta.shape)
+    weight, dN = weight * xp.prod(g, axis=-1), dN / g[:, :, None, :]
+    columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, N, dN, theta, g)
     n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
     multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
     arrays: dict[str, Any] = {
         "columns": columns,
         "gradient": gradient,
         "weight": weight,
-        "frame": scene.frame,
+        "frame": frame,
         "local_u": unknowns,
         "local_multipliers": np.stack(multipliers, axis=1),
         "material": scene.material,
@@ -157,42 +181,48 @@ def build(
         "tie_scale": ties.scale,
         "surfaces": dict(surfaces),
         "cavities": tuple(cavities),
-        "points": mesh.points,
+        "points": points,
     }
-    return System(kinds=scene.kinds, coordinates=coordinates, weave=weave, n_u=ties.size, n_p=n_p, n_q=n_q, **arrays)
+    n_and_kinds: dict[str, Any] = {"n_u": ties.size, "n_p": n_p, "n_q": n_q, "kinds": scene.kinds}
+    own = geometry is not None
+    return System(coordinates=coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
 
 
-def _columns(
-    mesh: Mesh,
-    coordinates: Coordinates,
-    ties: Ties,
-    N: NDArray[np.float64],
-    dN: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    g: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+def _at_points(function: Any, theta: Any) -> Any:
+    """A function of θ (3,) at the points (n_elements, n_points, 3), in NumPy where they are not traced."""
+    if checks.is_traced(theta):
+        return jax.vmap(jax.vmap(function))(theta)
+    found = evaluate(function, theta.reshape(-1, 3))
+    return found.reshape(*theta.shape[:2], *found.shape[1:])
+
+
+def _columns(scene: Scene, ties: Ties, N: NDArray[np.float64], dN: Any, theta: Any, g: Any) -> tuple[Any, Any, Any]:
     """The columns, the gradient and the unknowns of each element, see `System`."""
+    mesh, coordinates = scene.mesh, scene.mesh.coordinates
     n_e, n_g = theta.shape[:2]
     # The distinct unknowns of each element, padded to the longest list with columns of zeros.
     dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
-    active = ties.scale[dofs] != 0.0
+    active = ties.free[dofs]
     lists = [np.unique(ties.index[d[a]]) for d, a in zip(dofs, active, strict=True)]
     n_local = max(map(len, lists))
     unknowns = np.zeros((n_e, n_local), dtype=int)
-    slots: NDArray[np.float64] = np.zeros((n_e, 24, n_local))
+    here: NDArray[np.float64] = np.zeros((n_e, 24, n_local))
     for e, own in enumerate(lists):
         unknowns[e, : len(own)] = own
-        slots[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = ties.scale[dofs[e, active[e]]]
-    slots = slots.reshape(n_e, 8, 3, n_local)
+        here[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = 1.0
+    xp = jnp if checks.is_traced((dN, theta, ties.scale)) else np
+    slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
     # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
-    columns = np.einsum("egaj,eail->egijl", dN, slots)
+    columns = xp.einsum("egaj,eail->egijl", dN, slots)
     gradient = g[:, :, :, None, None] * columns
-    by_theta = np.einsum("ga,eail->egil", N, slots)
-    by_g = evaluate(jax.vmap(jax.jacfwd(coordinates.g)), theta)  # ∂g_i/∂θ_k
-    gradient[:, :, range(3), range(3)] += np.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
+    by_theta = xp.einsum("ga,eail->egil", N, slots)
+    if coordinates.curved:
+        by_g = _at_points(coordinates.by_theta, theta)  # ∂g_i/∂θ_k
+        diagonal = xp.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
+        gradient = gradient + diagonal[:, :, :, None] * np.eye(3)[None, None, :, :, None]
     columns = columns.reshape(n_e, n_g, 9, n_local)
     if coordinates.curved:
-        columns = np.concatenate([columns, by_theta], axis=2)
+        columns = xp.concatenate([columns, by_theta], axis=2)
     return columns, gradient.reshape(n_e, n_g, 9, n_local), unknowns
 
 

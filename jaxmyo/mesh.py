@@ -86,14 +86,15 @@ class Mesh:
     def _check_coordinates(self, at: NDArray[np.float64]) -> None:
         """Errors for points (n_elements, n_points, 3) where the coordinates are not what they must be."""
         name, axes = self.coordinates.name, self.coordinates.axes
-        g = evaluate(jax.vmap(self.coordinates.g), at)
+        flat = at.reshape(-1, 3)
+        g = evaluate(self.coordinates.g, flat).reshape(at.shape)
         if not (g > 0.0).all():  # also catches NaN
             e, k, i = (int(n) for n in np.argwhere(~(g > 0.0))[0])
             raise ValueError(
                 f"element {e} leaves the {name} coordinates: the scale factor of {axes[i]!r} is {g[e, k, i]:.3g} "
                 f"(must be > 0) at {at[e, k]}"
             )
-        basis = evaluate(jax.vmap(self.coordinates.basis), at)
+        basis = evaluate(self.coordinates.basis, flat).reshape(*at.shape, 3)
         gram = np.abs(basis @ basis.swapaxes(-1, -2) - np.eye(3)).max(axis=(-1, -2))
         right_handed = np.linalg.det(basis) > 0.0
         if (gram > 1e-9).any() or not right_handed.all():

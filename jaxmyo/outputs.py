@@ -61,6 +61,7 @@ def green_lagrange(F: Array, frame: Array) -> Array:
     return 0.5 * (jnp.swapaxes(along, -1, -2) @ along - jnp.eye(3)[(None,) * (F.ndim - 2)])
 
 
+@jax.jit
 def tensions(system: System, u: Array, q: Array, inputs: Inputs) -> tuple[Array, Array]:
     """Pseudo-active tensions (T_A^f, T_A^cf) = (−q h4 I4, −q h6 I6), each (n_elements, n_points) [kPa] (Eq. (T)).
 

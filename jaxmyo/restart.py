@@ -19,7 +19,7 @@ from jaxmyo import checks, lagrangian
 from jaxmyo.conditions import BodyForce, Pressure, Spring, Traction
 from jaxmyo.files import whole
 from jaxmyo.fingerprint import fingerprint
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.lagrangian import Geometry, Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.ties import Ties
@@ -93,6 +93,7 @@ def _content(state: State) -> dict[str, Any]:
             "scale": system.tie_scale[first],
             "surfaces": {kind: quads[first] for kind, quads in system.surfaces.items()},
             "cavities": tuple(wall[first] for wall in system.cavities),
+            "geometry": None if (own := system.geometry) is None else (own.points[first], own.frame[first]),
             "batch": batch,
             "large": not system.is_small,
         },
@@ -107,14 +108,17 @@ def _system(
     scale: Any,
     surfaces: dict[str, Any],
     cavities: tuple[Any, ...],
+    geometry: Any,
     batch: tuple[int, ...],
     large: bool,
 ) -> System:
     """The discrete problem, as `contract` and `load` build it."""
-    ties = Ties(np.asarray(index), np.asarray(scale), jnp.zeros(scale.shape), n_u)  # inputs.offset has the offset
+    free = np.asarray(scale) != 0.0
+    ties = Ties(np.asarray(index), np.asarray(scale), free, jnp.zeros(scale.shape), n_u)  # inputs.offset has the offset
     quads = {kind: np.asarray(q) for kind, q in surfaces.items()}
     walls = [np.asarray(wall) for wall in cavities]
-    built = lagrangian.build(scene, ties, weave=weave, surfaces=quads, cavities=walls, large=large)
+    own = geometry and Geometry(*map(np.asarray, geometry))  # type: ignore[arg-type]
+    built = lagrangian.build(scene, ties, weave=weave, surfaces=quads, cavities=walls, large=large, geometry=own)
     system = jax.tree.map(jnp.asarray, built)
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), system) if batch else system
 

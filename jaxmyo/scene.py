@@ -132,15 +132,18 @@ class Scene:
         """The springs among the supports."""
         return tuple(s for s in self.supports if isinstance(s, Spring))
 
-    def kinematics(self, conditions: tuple[Tie | Spring, ...]) -> ties.Ties:
+    def kinematics(self, conditions: tuple[Tie | Spring, ...], points: Any = None) -> ties.Ties:
         """The ties of the supports and of further conditions; an error if a rigid motion stays free.
 
         A prescribed displacement takes the place of a support of the same face and axis: it moves that support.
+        points: (n_nodes, 3) instead of the mesh's.
         """
         moved = {(c.face, c.axis) for c in conditions if isinstance(c, Displacement)}
         stay = [s for s in self.supports if not (isinstance(s, Displacement) and (s.face, s.axis) in moved)]
         every = (*stay, *conditions)
-        built = ties.build(self.mesh, [c for c in every if not isinstance(c, Spring)])
+        built = ties.build(self.mesh, [c for c in every if not isinstance(c, Spring)], points)
+        if points is not None:
+            return built  # the mesh's own were looked at when the scene was made
         if free := ties.rigid_motions(self.mesh, built, [c for c in every if isinstance(c, Spring)]):
             raise ValueError(
                 f"supports = {self.supports} leave a rigid motion free: {', '.join(free)}. "
@@ -155,9 +158,9 @@ class Scene:
 
 
 def _check_law(law: Law, constants: Any) -> None:
-    rest = (jnp.eye(3), jnp.eye(3), jnp.zeros(()))
+    rest = (np.eye(3), np.eye(3), np.zeros(()))
     shape = jax.eval_shape(law, *rest, constants)
     if not isinstance(shape, jax.ShapeDtypeStruct) or shape.shape != () or shape.dtype != jnp.float64:
         raise ValueError(f"law must return one float64 energy density W (kPa), shape (); {law} returns {shape}")
-    if not checks.is_traced(constants) and not bool(jnp.isfinite(law(*rest, constants))):
+    if not checks.is_traced(constants) and not bool(jnp.isfinite(jax.jit(law)(*rest, constants))):
         raise ValueError(f"law is not finite at rest (C = I, beta = 0) with constants = {constants}")

@@ -1,6 +1,7 @@
 """The two solves: `contract` (P → A, free contraction) and `load` (A → C, under what state A left behind)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,9 +11,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, constraints, continuation, lagrangian, progress, surface
+from jaxmyo import checks, constraints, continuation, fibres, lagrangian, surface
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.energies import Kind
+from jaxmyo.hexahedron import gauss, shape_gradient
+from jaxmyo.implicit import follow
+from jaxmyo.lagrangian import Geometry, Inputs, System
 from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
@@ -35,6 +39,9 @@ def contract(
     beta: ArrayLike = 1.0,
     weave_stiffness: ArrayLike | None = None,
     constants: Any = None,
+    points: ArrayLike | None = None,
+    fibre: ArrayLike | None = None,
+    cross: ArrayLike | None = None,
     start: State | None = None,
     settings: Settings = DEFAULT,
     throw: bool = True,
@@ -45,12 +52,15 @@ def contract(
 
     T0: beating tension [kPa], ≥ 0; a_over_D ∈ [0, ¼] with the weave's constraint h = 0, None without it;
     beta ∈ [0, 1]: activation; weave_stiffness: a finite stiffness k [kPa] of the weave, energy ½ k h², instead of the
-    exact constraint (−⅛ q²/k is added); constants: instead of the scene's; start: another state A of this scene that
-    the path starts from, instead of rest.
+    exact constraint (−⅛ q²/k is added); constants: instead of the scene's; points: (n_nodes, 3) coordinates Θ of the
+    nodes [mm, rad], fibre and cross: arrays as of `Scene`, instead of the scene's, for derivatives by them and batches
+    over them; start: another state A of this scene that the path starts from, instead of rest.
     With throw=True a solve that fails raises `SolveError`; with throw=False, and inside `jit` or `vmap`, the status
     says so. Errors: ValueError or TypeError for an input out of its range, ValueError for redundant constraints.
     """
-    system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants)
+    geometry, has_volume = _geometry(scene, points, fibre, cross)
+    system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants, geometry)
+    valid = valid & has_volume
     begin = end._replace(beta=jnp.zeros_like(end.beta))
     z = jnp.concatenate([jnp.zeros(system.n_u), _pressure_at_rest(scene, begin), jnp.zeros(system.n_q)])
     if start is not None:
@@ -93,9 +103,11 @@ def load(
     scene, origin = state.scene, state if start is None else start
     loads = tuple(c for c in conditions if not isinstance(c, Tie | Volume))
     walls, volumes = surface.cavities(scene.mesh, conditions)
-    ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)))
+    geometry = state.system.geometry
+    ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)), geometry and geometry.points)
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
-    system = loading(scene, ties, surfaces, walls, (origin.status, state.status, conditions))
+    traced = (origin.status, state.status, conditions)
+    system = loading(scene, ties, surfaces, walls, traced, geometry)
     none = jnp.zeros(system.size)
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, volumes=volumes)
     end = end._replace(imbalance=none)
@@ -123,6 +135,7 @@ def contraction(
     beta: ArrayLike,
     weave_stiffness: ArrayLike | None,
     own: Any,
+    geometry: Geometry | None = None,
 ) -> tuple[System, Inputs, Array]:
     """The problem of a state A: system, inputs, and whether the inputs are in their ranges."""
     constants = scene.constants_of_kinds(own)
@@ -133,16 +146,13 @@ def contraction(
     if weave_stiffness is not None:
         k = checks.scalar("weave_stiffness", weave_stiffness, "weave_stiffness")
         softness, valid = 1.0 / k, valid & checks.within(k, "weave_stiffness")
-    ties = scene.kinematics(())
+    ties = scene.kinematics((), geometry and geometry.points)
     surfaces, springs = surface.build(scene.mesh, scene.springs)
-    system = lagrangian.build(
-        scene,
-        ties,
-        weave=a_over_D is not None,
-        surfaces=surfaces,
-        large=_is_large(ties, T0_, beta_, a_over_D_, constants),
-    )
-    constraints.check_at_rest(scene, system, a_over_D, soft=weave_stiffness is not None)
+    large = _is_large(ties, T0_, beta_, a_over_D_, constants, geometry)
+    kinds: Any = {"weave": a_over_D is not None, "surfaces": surfaces, "large": large}
+    system = lagrangian.build(scene, ties, **kinds, geometry=geometry)
+    at_rest = lagrangian.build(scene, scene.kinematics(()), **kinds) if checks.is_traced(geometry) else system
+    constraints.check_at_rest(scene, at_rest, a_over_D, soft=weave_stiffness is not None)
     system = jax.tree.map(jnp.asarray, system)
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
     inputs = Inputs(
@@ -153,23 +163,63 @@ def contraction(
 
 def _pressure_at_rest(scene: Scene, inputs: Inputs) -> Array:
     """p (n_p,) [kPa] that leaves a law no mean stress at rest, p = ⅓ tr 2 ∂W/∂C: μ for ½ μ (I1 − 3)."""
+    _, first = np.unique(scene.p_patches, return_index=True)
+    return _pressures_at_rest(scene.kinds, inputs.beta, inputs.constants, scene.material[first])
+
+
+@partial(jax.jit, static_argnums=0)
+def _pressures_at_rest(kinds: tuple[Kind, ...], beta: Array, constants: tuple[Any, ...], material: Any) -> Array:
     rest = jnp.eye(3)
     of_kinds = [
-        2.0 / 3.0 * jnp.trace(jax.grad(kind.law)(rest, rest, inputs.beta, constants))
-        for kind, constants in zip(scene.kinds, inputs.constants, strict=True)
+        2.0 / 3.0 * jnp.trace(jax.grad(kind.law)(rest, rest, beta, own))
+        for kind, own in zip(kinds, constants, strict=True)
     ]
-    _, first = np.unique(scene.p_patches, return_index=True)
-    return jnp.stack(of_kinds)[scene.material[first]]
+    return jnp.stack(of_kinds)[material]
 
 
 def loading(
-    scene: Scene, ties: Ties, surfaces: dict[str, np.ndarray], walls: Sequence[np.ndarray], traced: Any
+    scene: Scene,
+    ties: Ties,
+    surfaces: dict[str, np.ndarray],
+    walls: Sequence[np.ndarray],
+    traced: Any,
+    geometry: Geometry | None = None,
 ) -> System:
     """The system of a state C, dense if any of its inputs is traced; walls: of cavities of prescribed volume."""
-    large = _is_large(ties, traced)
-    system = lagrangian.build(scene, ties, weave=False, surfaces=surfaces, cavities=walls, large=large)
-    constraints.check_at_rest(scene, system, None, soft=False)
+    kinds: Any = {"weave": False, "surfaces": surfaces, "cavities": walls, "large": _is_large(ties, traced, geometry)}
+    system = lagrangian.build(scene, ties, **kinds, geometry=geometry)
+    if not checks.is_traced((geometry, ties.scale)):
+        constraints.check_at_rest(scene, system, None, soft=False)
     return jax.tree.map(jnp.asarray, system)
+
+
+def _geometry(
+    scene: Scene, points: ArrayLike | None, fibre: ArrayLike | None, cross: ArrayLike | None
+) -> tuple[Geometry | None, Array]:
+    """What takes the place of the scene's nodes and fibres, if anything does, and whether it can.
+
+    Concrete values are checked as those of a scene are. Traced ones that are no geometry are replaced by the scene's.
+    """
+    if points is None and fibre is None and cross is None:
+        return None, jnp.array(True)
+    mesh = scene.mesh
+    if points is None:
+        points = mesh.points
+    if checks.is_traced(points):
+        if jnp.shape(points) != mesh.points.shape:
+            raise ValueError(f"points must have shape {mesh.points.shape}; got {jnp.shape(points)}")
+    else:
+        points = checks.concrete("points", points, (len(mesh.points), 3))
+        replace(mesh, points=points)  # its checks
+    f = scene.frame[:, :, 0] if fibre is None else fibre
+    c = scene.frame[:, :, 1] if cross is None else cross
+    xi, _ = gauss(*scene.orders)
+    if not checks.is_traced((points, f, c)):
+        return Geometry(points, fibres.frame(mesh, xi, f, c)), jnp.array(True)  # type: ignore[arg-type]
+    frame = fibres.traced_frame(mesh, xi, f, c)
+    jacobian = jnp.einsum("eai,gaj->egij", jnp.asarray(points)[mesh.cells], shape_gradient(gauss(2, 2, 2)[0]))
+    good = jnp.all(jnp.isfinite(frame)) & jnp.all(jnp.linalg.det(jacobian) > 0.0)
+    return Geometry(jnp.where(good, points, mesh.points), jnp.where(good, frame, scene.frame)), good
 
 
 def _is_large(ties: Ties, *inputs: Any) -> bool:
@@ -177,6 +227,7 @@ def _is_large(ties: Ties, *inputs: Any) -> bool:
     return ties.size > LARGE and not checks.is_traced((ties.offset, inputs))
 
 
+@jax.jit
 def unknowns(system: System, u: Array, offset: Array) -> Array:
     """The unknown displacements (n_u,) that fit u (n_dof,) best: a mean over tied nodes."""
     free = u - jnp.where(jnp.isfinite(offset), offset, 0.0)
@@ -185,6 +236,7 @@ def unknowns(system: System, u: Array, offset: Array) -> Array:
     return fit[: system.n_u]
 
 
+@jax.jit
 def held(system: System, u: Array, z_u: Array) -> Array:
     """The offset (n_dof,) with which the unknowns z_u stand for exactly the displacements u (n_dof,)."""
     return u - system.tie_scale * z_u[system.tie_index] if system.n_u else u
@@ -223,29 +275,6 @@ def residual(system: System, z: Array, inputs: Inputs) -> Array:
     return jnp.asarray(Sparse.of(system).at(np.asarray(z), inputs).r)
 
 
-@partial(jax.jit, static_argnames=("settings",))
-def _follow(system: System, *path: Any, settings: Settings) -> continuation.Solution:
-    z, start, end, valid, from_rest = path
-    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
-
-
-def follow(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
-) -> continuation.Solution:
-    """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors."""
-    stepwise = settings.time_limit is not None or settings.progress
-    if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
-        if stepwise:
-            raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
-        return _follow(system, z, start, end, valid, from_rest, settings=settings)
-    if system.is_small:
-        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
-    lin = Sparse.of(system)
-    at: Any = np.array(z)
-    flags: Any = (np.asarray(valid), np.asarray(from_rest))
-    return jax.tree.map(jnp.asarray, continuation.follow(lin, at, start, end, flags[0], flags[1], settings))
-
-
 def _solve(
     scene: Scene,
     system: System,
@@ -266,18 +295,25 @@ def _solve(
     return state
 
 
+@jax.jit
+def _multipliers(system: System, z: Array) -> tuple[Array, Array, Array]:
+    """The parts p, q and cavity pressures of the unknowns z."""
+    p, q = system.n_u + system.n_p, system.n_u + system.n_p + system.n_q
+    return z[system.n_u : p], z[p:q], z[q:]
+
+
 def as_state(scene: Scene, system: System, s: continuation.Solution, conditions: tuple[Load | Spring, ...]) -> State:
     """The end of a path as a state."""
-    p_and_q = s.z[system.n_u :]
+    p, q, in_cavities = _multipliers(system, s.z)
     return State(
         scene=scene,
         system=system,
         inputs=s.inputs,
         conditions=conditions,
         u=system.displacements(s.z, s.inputs),
-        p=p_and_q[: system.n_p],
-        q=p_and_q[system.n_p : system.n_p + system.n_q] if system.weave else None,
-        cavity_pressures=system.pressures(s.z),
+        p=p,
+        q=q if system.weave else None,
+        cavity_pressures=in_cavities,
         status=s.status,
         reached=s.reached,
         residual=s.residual,

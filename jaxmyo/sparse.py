@@ -125,7 +125,7 @@ class Sparse:
         weighted = (weight[:, :, None] / inverse_g**2)[:, :, :, None, None] * dN[:, :, None]  # e g i a k
         stiffness = np.einsum("egiak,egbk->eiab", weighted, dN, optimize=True)
         if s.coordinates.curved:
-            by = evaluate(jax.vmap(jax.jacfwd(s.coordinates.g)), theta)  # ∂g_j/∂θ_i
+            by = evaluate(s.coordinates.by_theta, theta.reshape(-1, 3)).reshape(*theta.shape, 3)  # ∂g_j/∂θ_i
             hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
             stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
         K, scale = np.zeros((len(ids), 24, 24)), self.assembly.scale[ids]

@@ -63,6 +63,10 @@ def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike, loads: s
     )
 
 
+class SingularError(RuntimeError):
+    """A derivative was asked for where there is none: the tangent of the equilibrium is singular."""
+
+
 class SolveError(RuntimeError):
     """A solve did not reach its load. `.state` holds the last converged step with its status."""
 

@@ -5,8 +5,10 @@ deformation are all of this form, so that a body of one unknown and one of a mil
 the same solver.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,19 +25,26 @@ from jaxmyo.mesh import Mesh
 class Ties:
     """The kinematics of a body with `size` unknown displacements.
 
-    index, scale: (n_dof,) with n_dof = 3 n_nodes; offset: (n_dof,) prescribed displacements [mm, rad].
+    index, scale: (n_dof,) with n_dof = 3 n_nodes; free: (n_dof,) whether it hangs on an unknown; offset: (n_dof,)
+    prescribed displacements [mm, rad].
     """
 
     index: NDArray[np.int64]
-    scale: NDArray[np.float64]
+    scale: Any
+    free: NDArray[np.bool_]
     offset: Array
     size: int
 
 
-def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
-    """The ties of a mesh under a list of conditions. Errors name the condition, and a conflict names both."""
+def build(mesh: Mesh, conditions: Sequence[Tie], points: Any = None) -> Ties:
+    """The ties of a mesh under a list of conditions. Errors name the condition, and a conflict names both.
+
+    points: (n_nodes, 3) that take the place of the mesh's, which decide what is tied to what.
+    """
     n_dof = mesh.points.size
+    at, xp = (mesh.points, np) if points is None else (points, jnp)
     group, scale = np.arange(n_dof), np.ones(n_dof)  # u_i = scale_i · unknown of its group
+    actual: Any = scale  # the scale, at the points that take the place of the mesh's
     tied: dict[int, Tie] = {}
     for c, whole in _of_whole_components(mesh, conditions):
         component = mesh.axis(whole.axis)
@@ -45,6 +54,8 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
         tied[component] = c
         if isinstance(whole, Proportional):
             group[dofs], scale[dofs] = dofs[0], mesh.points[:, mesh.axis(whole.to)]
+            if points is not None:
+                actual = jnp.asarray(actual).at[dofs].set(at[:, mesh.axis(whole.to)])
         else:
             group[dofs] = dofs[_first_of_each_line(mesh, whole)]
     for plane in conditions:
@@ -58,7 +69,7 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
     offset = jnp.zeros(n_dof)
     for k, f in enumerate(fixed):
         dofs = _dofs(mesh, f.face if isinstance(f, Displacement) else f"{f.axis}1", f.axis)
-        value = _value(mesh, f)
+        value = _value(mesh, f, at)
         if checks.is_traced(value) or float(value) != 0.0:
             if (scale[dofs] == 0.0).any():
                 raise ValueError(f"{f} contradicts another tie, which does not move that face along {f.axis}")
@@ -67,17 +78,21 @@ def build(mesh: Mesh, conditions: Sequence[Tie]) -> Ties:
         dofs = dofs[scale[dofs] != 0.0]  # a node that another tie does not move is where it is
         for g, first in zip(*np.unique(group[dofs], return_index=True), strict=True):
             j = owner[g]
-            if j >= 0 and not _same(_value(mesh, fixed[j]) / asked_of[g], value / scale[dofs[first]]):
+            if j >= 0 and not _same(_value(mesh, fixed[j], at) / asked_of[g], value / scale[dofs[first]]):
                 raise ValueError(f"{f} contradicts {fixed[j]}: both prescribe {f.axis} of the same nodes")
         dofs = dofs[owner[group[dofs]] < 0]
         owner[group[dofs]], asked_of[group[dofs]] = k, scale[dofs]
-        unit = np.zeros(n_dof)  # what one unit of the condition does to each unknown
-        unit[group[dofs]] = 1.0 / scale[dofs]
-        offset = offset + jnp.asarray(scale * unit[group]) * value
-    scale = np.where(owner[group] >= 0, 0.0, scale)
-    free = np.unique(group[scale != 0.0])
-    index = np.where(scale != 0.0, np.searchsorted(free, group), 0)
-    return Ties(np.minimum(index, max(len(free) - 1, 0)), scale, offset, len(free))
+        one = np.arange(n_dof)  # of each group that is prescribed, one of the nodes that the condition names
+        one[group[dofs]] = dofs
+        moved = np.isin(group, group[dofs])
+        # What one unit of the condition does to each displacement of these groups.
+        offset = offset + jnp.asarray(xp.where(moved, actual / xp.where(moved, actual[one[group]], 1.0), 0.0)) * value
+    moving = np.unique(group[scale != 0.0])
+    free = (owner[group] < 0) & np.isin(group, moving)
+    unknown = np.unique(group[free])
+    index = np.where(free, np.searchsorted(unknown, group), 0)
+    index = np.minimum(index, max(len(unknown) - 1, 0))
+    return Ties(index, xp.where(free, actual, 0.0), free, offset, len(unknown))
 
 
 def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str]:
@@ -103,7 +118,7 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
         if not checks.is_traced(spring.stiffness) and float(np.asarray(spring.stiffness)) == 0.0:
             continue
         quads = mesh.points[mesh.face(spring.face)]
-        at, normals = evaluate(lambda quad: jnp.stack(surface.normals(c, quad)), quads).swapaxes(0, 1).reshape(2, -1, 3)
+        at, normals = evaluate(_normals_of(c), quads).swapaxes(0, 1).reshape(2, -1, 3)
         moved, _ = rigid(at)
         if spring.direction == "normal":
             moved = np.einsum("qi,qim->qm", normals / np.linalg.norm(normals, axis=1)[:, None], moved)
@@ -113,6 +128,12 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
     free = vt[singular < 1e-9 * np.sqrt(len(rows))]
     names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in "xyz"]
     return [names[int(np.argmax(np.abs(v)))] for v in free]
+
+
+@lru_cache
+def _normals_of(c: Coordinates) -> Callable[[Any], Array]:
+    """One function per system of coordinates, which is compiled once."""
+    return lambda quad: jnp.stack(surface.normals(c, quad))
 
 
 def rigid_unknowns(
@@ -180,9 +201,12 @@ def _dofs(mesh: Mesh, face: str, axis: str) -> NDArray[np.int64]:
     return 3 * np.unique(mesh.face(face)) + component
 
 
-def _value(mesh: Mesh, c: Displacement | Stretch) -> Array:
+def _value(mesh: Mesh, c: Displacement | Stretch, points: Any) -> Array:
     if isinstance(c, Stretch):
-        length = float(mesh.extent[mesh.axis(c.axis)])
+        # Means over the nodes at both ends, which are all the same until the nodes are moved.
+        along, at_rest = points[:, mesh.axis(c.axis)], mesh.points[:, mesh.axis(c.axis)]
+        close = 1e-9 * np.ptp(at_rest)
+        length = along[at_rest >= at_rest.max() - close].mean() - along[at_rest <= at_rest.min() + close].mean()
         return (checks.scalar(f"Stretch({c.axis!r})", c.value, "stretch") - 1.0) * length
     name = f"Displacement({c.face!r}, {c.axis!r})"
     if jnp.ndim(c.value) != 0:

@@ -6,8 +6,10 @@ One run of `jaxmyo paper` for all tests that look at what it writes.
 import gc
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,26 @@ from jaxmyo import sparse
 #: The command `jaxmyo` with these arguments.
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
+CACHE = pytest.StashKey[str]()
+
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, max_examples=50, database=None)
 hypothesis.settings.load_profile("suite")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compiled programs are kept on disk while the tests run: both workers, and every file anew, need the same ones."""
+    if not hasattr(config, "workerinput"):
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = config.stash[CACHE] = tempfile.mkdtemp(prefix="jaxmyo-tests-")
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove it."""
+    if CACHE in config.stash:
+        shutil.rmtree(config.stash[CACHE], ignore_errors=True)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -97,7 +97,7 @@ def test_cavities_body_forces_and_regions(reloaded: Callable[..., jm.State]) -> 
     assert_same(C, again)
     assert str(again) == str(C)
     assert again.cavity_pressures[0] == C.cavity_pressures[0]
-    with pytest.raises(ValueError, match="they differ in: regions$"):
+    with pytest.raises(ValueError, match=r"they differ in: regions$"):
         reloaded(C, in_regions(active=False))
 
 

@@ -13,7 +13,7 @@ from support import sample
 from test_element import residual_and_tangent_of, residual_of
 
 import jaxmyo as jm
-from jaxmyo import lagrangian, solve, surface
+from jaxmyo import implicit, lagrangian, surface
 from jaxmyo.coordinates import Coordinates
 from jaxmyo.lagrangian import Inputs
 from jaxmyo.status import Status
@@ -587,8 +587,8 @@ def test_from_other_values_of_the_same_loads(contracted: jm.State, direct: jm.St
 def paths(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What each solve of a test follows: (system, z, inputs at the start, inputs at the end, ...)."""
     followed: list[Any] = []
-    follow = solve._follow
-    monkeypatch.setattr(solve, "_follow", lambda *path, **dials: followed.append(path) or follow(*path, **dials))
+    follow = implicit._follow
+    monkeypatch.setattr(implicit, "_follow", lambda *path, **dials: followed.append(path) or follow(*path, **dials))
     return followed
 
 

@@ -1,0 +1,121 @@
+"""The path to an equilibrium as one function, whose derivatives do not depend on the path: implicit differentiation.
+
+An equilibrium z of r(z, inputs, geometry) = 0 changes by dz = −K⁻¹ dr, with K = ∂r/∂z and dr the change of the residual
+at fixed z: one linear solve for a derivative, one with Kᵀ for a gradient, whatever the number of inputs. The rule is
+itself made of functions that JAX differentiates, so second derivatives follow from it.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.custom_derivatives import SymbolicZero
+
+from jaxmyo import checks, continuation, lagrangian, progress
+from jaxmyo.continuation import Solution
+from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.linear import Dense
+from jaxmyo.newton import Settings
+from jaxmyo.sparse import Sparse
+from jaxmyo.status import SingularError, Status
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(6,))
+def follow(
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+) -> Solution:
+    """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors.
+
+    Of its results z and inputs have derivatives, by `end` and by the arrays of `system`. They are 0 where the path
+    failed (`status`) and where the tangent is singular (`zero` > 0). Errors: SingularError for a derivative of a
+    singular state, outside of jit and vmap.
+    """
+    stepwise = settings.time_limit is not None or settings.progress
+    if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
+        if stepwise:
+            raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
+        return _follow(system, z, start, end, valid, from_rest, settings=settings)
+    if system.is_small:
+        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+    lin = Sparse.of(system)
+    at: Any = np.array(z)
+    flags: Any = (np.asarray(valid), np.asarray(from_rest))
+    return jax.tree.map(jnp.asarray, continuation.follow(lin, at, start, end, flags[0], flags[1], settings))
+
+
+@partial(jax.jit, static_argnames=("settings",))
+def _follow(system: System, *path: Any, settings: Settings) -> Solution:
+    z, start, end, valid, from_rest = path
+    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+
+
+@partial(follow.defjvp, symbolic_zeros=True)
+def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Solution, Solution]:
+    s = follow(*primals, settings)
+    system, d_system, d_end = primals[0], tangents[0], tangents[3]
+    regular = (s.status == Status.CONVERGED) & (s.zero == 0)
+    if not checks.is_traced(regular) and s.status == Status.CONVERGED and not regular:
+        raise SingularError(
+            f"the state has no derivative: its tangent has {int(s.zero)} mode(s) without stiffness (zero_eigenvalues), "
+            "as the Lin–Yin law at rest. Differentiate at another state, or hold these modes"
+        )
+    of_system, moved = _perturbed(system, d_system)
+    of_inputs, driven = _perturbed(s.inputs, d_end)
+    dz = _sensitivity(system, s.z, s.inputs, regular, of_system, of_inputs, moved=moved, driven=driven)
+    ds = jax.tree.map(_nothing, s)
+    known = [jnp.where(regular, dx, 0.0) for dx in of_inputs]
+    return s, ds._replace(z=dz, inputs=_with(ds.inputs, driven, known))
+
+
+@partial(jax.jit, static_argnames=("moved", "driven"))
+def _sensitivity(
+    system: System,
+    z: Array,
+    inputs: Inputs,
+    regular: Array,
+    of_system: list[Array],
+    of_inputs: list[Array],
+    *,
+    moved: tuple[int, ...],
+    driven: tuple[int, ...],
+) -> Array:
+    """dz (n,) of changes of those leaves of system and inputs that change; 0 where not regular."""
+
+    def residual(geometry: list[Array], loading: list[Array]) -> Array:
+        return lagrangian.residual(_with(system, moved, geometry), z, _with(inputs, driven, loading))
+
+    at = _leaves(system, moved), _leaves(inputs, driven)
+    _, dr = jax.jvp(residual, at, (of_system, of_inputs))
+    _, K = lagrangian.residual_and_tangent(system, z, inputs)
+    # A matrix and a right side that are harmless where there is no derivative: what is 0 · NaN would come back.
+    K = jnp.where(regular, K, jnp.eye(len(z)))
+    return -jnp.linalg.solve(K, jnp.where(regular, dr, 0.0))
+
+
+def _perturbed(tree: Any, tangents: Any) -> tuple[list[Array], tuple[int, ...]]:
+    """The tangents that are not zero, and the positions of their leaves in the tree."""
+    every = jax.tree.leaves(tangents, is_leaf=lambda x: isinstance(x, SymbolicZero))
+    at = tuple(i for i, d in enumerate(every) if not isinstance(d, SymbolicZero))
+    return [every[i] for i in at], at
+
+
+def _leaves(tree: Any, at: tuple[int, ...]) -> list[Any]:
+    every = jax.tree.leaves(tree)
+    return [every[i] for i in at]
+
+
+def _with(tree: Any, at: tuple[int, ...], values: list[Any]) -> Any:
+    """The tree with other leaves at these positions."""
+    leaves, structure = jax.tree.flatten(tree)
+    for i, value in zip(at, values, strict=True):
+        leaves[i] = value
+    return jax.tree.unflatten(structure, leaves)
+
+
+def _nothing(x: Array) -> Any:
+    """The tangent 0 of an array."""
+    inexact = jnp.issubdtype(jnp.result_type(x), jnp.inexact)
+    return jnp.zeros_like(x) if inexact else np.zeros(jnp.shape(x), jax.dtypes.float0)
