@@ -204,20 +204,11 @@ def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: A
 @jax.jit
 def _rate(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
     """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
-    c, n_y = system.coordinates, 12 if system.coordinates.curved else 9
 
     def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> tuple[Array, Array]:
-        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Any) -> Any:
-            y = lagrangian.variables(c, nodes, dN, N, theta, g)
-            at: Any = (frame, *T, e.material, inputs)
-            r = jax.jacfwd(lambda y: lagrangian.density(system, lagrangian.strain(c, y), *at))
-            r_y = weight * r(jnp.concatenate([y, m]))
-            on_nodes = dN @ r_y[:9].reshape(3, 3).T
-            return (on_nodes + N[:, None] * r_y[None, 9:12] if c.curved else on_nodes), r_y[n_y:]
-
-        at: Any = (e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
-        r, r_m = jax.vmap(point)(*at)
-        return e.scale * jnp.sum(r, axis=0).reshape(24), jnp.sum(r_m, axis=0)
+        at = (e.dN, e.weight, e.frame, e.theta, e.inverse_g, e.material)
+        forces, by_m = lagrangian.element_forces(system, nodes, *at, m, T_f, T_cf, inputs)
+        return e.scale * forces.reshape(24), by_m
 
     def block(at: tuple[Any, ...]) -> tuple[Array, Array]:
         e, m, T, dT = at

@@ -29,6 +29,22 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
+def is_staged(tree: Any) -> bool:
+    """Whether a leaf is unknown while Python runs, as inside jit and vmap, not only carried along by a derivative."""
+    seen: list[Any] = []
+
+    @jax.custom_jvp
+    def look(*leaves: Any) -> Any:
+        seen.append(is_traced(leaves))  # a function with a rule of its own is called with the values
+        return leaves
+
+    look.defjvp(lambda primals, tangents: (look(*primals), tangents))
+    traced = [leaf for leaf in jax.tree.leaves(tree) if is_traced(leaf)]
+    if traced:
+        look(*traced)
+    return any(seen)
+
+
 def concrete(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """A finite float64 NumPy array of the given shape (None: any length), or an error that names the argument."""
     try:

@@ -45,6 +45,8 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
 
 def at_failure(system: System, z: Array, inputs: Inputs) -> str:
     """For a solve that failed: a sentence if the constraints are redundant at its last state, else nothing."""
+    if checks.is_traced((system, z, inputs)):
+        return ""
     hard = _hard(system, soft=float(inputs.softness) != 0.0)
     n_u, n_hard = system.n_u, len(hard)
     if n_u == 0 or system.gradient is None or n_hard**2 * n_u > 10.0 * _CHEAP:

@@ -45,12 +45,19 @@ class Solver(Protocol):
 
 def solver(pattern: Pattern, motions: Callable[[], Floats]) -> Solver:
     """The best solver that is installed, for matrices of a pattern; motions: the rigid ones (n_u, 6)."""
-    if pattern.n_u > HUGE:
-        return _Multigrid(pattern, motions)
+    kind = chosen(pattern.n_u)
+    return kind(pattern, motions) if kind is _Multigrid else kind(pattern)
+
+
+def chosen(n_u: int) -> Any:
+    """The kind of solver for so many displacements."""
+    if n_u > HUGE:
+        return _Multigrid
     try:
-        return _Pardiso(pattern)
+        _pardiso()
     except ImportError:
-        return _SuperLU(pattern)
+        return _SuperLU
+    return _Pardiso
 
 
 class _Pardiso:

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from jaxmyo import checks, continuation, lagrangian, progress
+from jaxmyo import checks, continuation, lagrangian, progress, sparse
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
@@ -64,10 +64,23 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
         )
     of_system, moved = _perturbed(system, d_system)
     of_inputs, driven = _perturbed(s.inputs, d_end)
-    dz = _sensitivity(system, s.z, s.inputs, regular, of_system, of_inputs, moved=moved, driven=driven)
+    held = None if system.is_small else _hold(system, s.z, s.inputs)
+    dz = _sensitivity(system, s.z, s.inputs, regular, held, of_system, of_inputs, moved=moved, driven=driven)
     ds = jax.tree.map(_nothing, s)
     known = [jnp.where(regular, dx, 0.0) for dx in of_inputs]
     return s, ds._replace(z=dz, inputs=_with(ds.inputs, driven, known))
+
+
+@jax.custom_jvp
+def _hold(system: System, z: Array, inputs: Inputs) -> Array:
+    """The number of the tangent at z of a large body; a function of values, whatever is differentiated."""
+    return jnp.array(sparse.hold(system, np.asarray(z), inputs))
+
+
+@_hold.defjvp
+def _hold_rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Any]:
+    number = _hold(*primals)
+    return number, np.zeros((), jax.dtypes.float0)
 
 
 @partial(jax.jit, static_argnames=("moved", "driven"))
@@ -76,23 +89,37 @@ def _sensitivity(
     z: Array,
     inputs: Inputs,
     regular: Array,
+    held: Array | None,
     of_system: list[Array],
     of_inputs: list[Array],
     *,
     moved: tuple[int, ...],
     driven: tuple[int, ...],
 ) -> Array:
-    """dz (n,) of changes of those leaves of system and inputs that change; 0 where not regular."""
+    """dz (n,) of changes of those leaves of system and inputs that change; 0 where not regular.
+
+    held: the number of the tangent of a large body, see `sparse.hold`.
+    """
 
     def residual(geometry: list[Array], loading: list[Array]) -> Array:
         return lagrangian.residual(_with(system, moved, geometry), z, _with(inputs, driven, loading))
 
     at = _leaves(system, moved), _leaves(inputs, driven)
     _, dr = jax.jvp(residual, at, (of_system, of_inputs))
-    _, K = lagrangian.residual_and_tangent(system, z, inputs)
     # A matrix and a right side that are harmless where there is no derivative: what is 0 · NaN would come back.
-    K = jnp.where(regular, K, jnp.eye(len(z)))
-    return -jnp.linalg.solve(K, jnp.where(regular, dr, 0.0))
+    dr = jnp.where(regular, dr, 0.0)
+    if held is None:
+        _, K = lagrangian.residual_and_tangent(system, z, inputs)
+        return -jnp.linalg.solve(jnp.where(regular, K, jnp.eye(len(z))), dr)
+
+    def apply(v: Array) -> Array:
+        return jax.jvp(lambda z: lagrangian.residual(system, z, inputs), (z,), (v,))[1]
+
+    def solve(_: Any, b: Array, *, transposed: bool = False) -> Array:
+        like = jax.ShapeDtypeStruct(b.shape, b.dtype)
+        return jax.pure_callback(sparse.solve_held, like, held, b, transposed, vmap_method="sequential")
+
+    return -jax.lax.custom_linear_solve(apply, dr, solve, partial(solve, transposed=True))
 
 
 def _perturbed(tree: Any, tangents: Any) -> tuple[list[Array], tuple[int, ...]]:

@@ -334,17 +334,57 @@ def at_point(
     return by_c @ J, J.T @ jax.jacfwd(jax.jacfwd(of_c))(c) @ J + curvature
 
 
+def element_forces(
+    system: System,
+    nodes: Array,
+    dN: Array,
+    weight: Array,
+    frame: Array,
+    theta: Array,
+    inverse_g: Array,
+    material: Array,
+    multipliers: Array,
+    T_f: Array,
+    T_cf: Array,
+    inputs: Inputs,
+) -> tuple[Array, Array]:
+    """The first derivatives of an element's Lagrangian by its nodal displacements (8, 3) and its multipliers."""
+    c, n_y = system.coordinates, 12 if system.coordinates.curved else 9
+
+    def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Any) -> tuple[Array, Array]:
+        y = variables(c, nodes, dN, N, theta, g)
+        place: Any = (frame, *T, material, inputs)
+        by_y = jax.jacfwd(lambda y: density(system, strain(c, y), *place))
+        r_y = weight * by_y(jnp.concatenate([y, multipliers]))
+        on_nodes = dN @ r_y[:9].reshape(3, 3).T
+        return (on_nodes + N[:, None] * r_y[None, 9:12] if c.curved else on_nodes), r_y[n_y:]
+
+    forces, by_m = jax.vmap(point)(dN, system.N, weight, frame, theta, inverse_g, T_f, T_cf)
+    return jnp.sum(forces, axis=0), jnp.sum(by_m, axis=0)
+
+
 def residual(system: System, z: Array, inputs: Inputs) -> Array:
     """The derivative of the Lagrangian by the unknowns (n,), less the loads: generalised forces [mN, mN·mm]."""
-    return _assemble(system, z, inputs, tangent=False)[0]
+    s, u = system, system.displacements(z, inputs)
+
+    def element(at: Any) -> tuple[Array, Array]:
+        of_element: Any = (*at, inputs)
+        return element_forces(system, *of_element)
+
+    geometry = (s.dN, s.weight, s.frame, s.theta, s.inverse_g, s.material)
+    every = (u[s.cells], *geometry, z[s.local_multipliers], inputs.T_f, inputs.T_cf)
+    if system.is_small:
+        forces, by_m = jax.vmap(element)(every)
+    else:  # what a derivative needs of each block is computed anew, not kept
+        forces, by_m = jax.lax.map(jax.checkpoint(element), every, batch_size=256)
+    dofs = (3 * s.cells[:, :, None] + jnp.arange(3)[None, None]).reshape(-1, 24)
+    r = (-inputs.imbalance).at[s.tie_index[dofs]].add(s.tie_scale[dofs] * forces.reshape(-1, 24))
+    r = r.at[s.local_multipliers].add(by_m)
+    return _add_loads(system, u, system.pressures(z), inputs, r, None)[0] if system.n_u else r
 
 
 def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Array, Array]:
     """The residual (n,) and its derivative (n, n), dense."""
-    return _assemble(system, z, inputs, tangent=True)
-
-
-def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tuple[Array, Array]:
     assert system.columns is not None
     assert system.local_u is not None
     u = system.displacements(z, inputs)
@@ -361,16 +401,10 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
         def point(B: Array, H: Array, *at: Any) -> tuple[Array, Array]:
             y = jnp.concatenate([H, multipliers])
             place: Any = (*at, material, inputs)
-
-            def of_y(y: Array) -> Array:
-                return density(system, strain(system.coordinates, y), *place)
-
-            if not tangent:
-                return jax.jacfwd(of_y)(y) @ B, jnp.zeros((0, 0))
             if n_local + n_m <= 6:  # fewer than C has components: differentiate in the element's unknowns themselves
-                r = jax.jacfwd(lambda v: of_y(y + B @ v))
+                of_v = jax.jacfwd(lambda v: density(system, strain(system.coordinates, y + B @ v), *place))
                 v = jnp.zeros(n_local + n_m)
-                return r(v), jax.jacfwd(r)(v)
+                return of_v(v), jax.jacfwd(of_v)(v)
             r_y, K_y = at_point(system, y, *place)
             return r_y @ B, B.T @ K_y @ B
 
@@ -389,12 +423,8 @@ def _assemble(system: System, z: Array, inputs: Inputs, *, tangent: bool) -> tup
     )
     local = jnp.concatenate([system.local_u, system.local_multipliers], axis=1)
     r = (-inputs.imbalance).at[local].add(r_e)
-    K = jnp.zeros((system.size, system.size) if tangent else (0, 0))
-    if tangent:
-        K = K.at[local[:, :, None], local[:, None, :]].add(K_e)
-    if system.n_u:
-        r, K = _add_loads(system, u, system.pressures(z), inputs, r, K, tangent=tangent)
-    return r, K
+    K = jnp.zeros((system.size, system.size)).at[local[:, :, None], local[:, None, :]].add(K_e)
+    return _add_loads(system, u, system.pressures(z), inputs, r, K) if system.n_u else (r, K)
 
 
 def enclosed(system: System, u: Any) -> Array:
@@ -409,21 +439,22 @@ def loads(system: System, pressures: Any, inputs: Inputs) -> list[surface.Loads]
 
 
 def _add_loads(
-    system: System, u: Array, pressures: Array, inputs: Inputs, r: Array, K: Array, *, tangent: bool
-) -> tuple[Array, Array]:
+    system: System, u: Array, pressures: Array, inputs: Inputs, r: Array, K: Array | None
+) -> tuple[Array, Any]:
+    """Less the loads: the residual, and the tangent if it is asked for."""
     c, theta = system.coordinates, system.points + u
     for kind, nodes, values in loads(system, pressures, inputs):
         at = (c, kind, theta[nodes], system.points[nodes], values)
         dofs = (3 * nodes[:, :, None] + jnp.arange(3)[None, None]).reshape(len(nodes), -1)
         index, scale = system.tie_index[dofs], system.tie_scale[dofs]
         r = r.at[index].add(-scale * surface.forces(*at).reshape(scale.shape))
-        if tangent:
+        if K is not None:
             K_e = surface.tangents(*at)
             K = K.at[index[:, :, None], index[:, None, :]].add(-scale[:, :, None] * K_e * scale[:, None, :])
     for k, wall in enumerate(system.cavities):
         row = system.size - len(system.cavities) + k
         r = r.at[row].add(inputs.volumes[k] - surface.enclosed(c, wall, theta))
-        if tangent:
+        if K is not None:
             dofs = (3 * wall[:, :, None] + jnp.arange(3)[None, None]).reshape(len(wall), -1)
             one = surface.forces(c, "closed", theta[wall], system.points[wall], jnp.ones(len(wall)))
             by_u = -system.tie_scale[dofs] * one.reshape(dofs.shape)

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, constraints, continuation, fibres, lagrangian, surface
+from jaxmyo import checks, constraints, continuation, factor, fibres, lagrangian, surface
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape_gradient
@@ -223,8 +223,8 @@ def _geometry(
 
 
 def _is_large(ties: Ties, *inputs: Any) -> bool:
-    """Whether the body is solved by sparse factors: it has many unknowns, and no input is traced."""
-    return ties.size > LARGE and not checks.is_traced((ties.offset, inputs))
+    """Whether the body is solved by sparse factors: it has many unknowns, and is not inside jit or vmap."""
+    return ties.size > LARGE and not checks.is_staged((ties.offset, inputs))
 
 
 @jax.jit
@@ -326,5 +326,5 @@ def as_state(scene: Scene, system: System, s: continuation.Solution, conditions:
         negative_eigenvalues=s.negative,
         zero_eigenvalues=s.zero,
         work=s.work,
-        solver=Dense.name if system.is_small else Sparse.of(system).factors.name,
+        solver=Dense.name if system.is_small else factor.chosen(system.n_u).name,
     )

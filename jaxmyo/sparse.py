@@ -13,7 +13,7 @@ that of the saddle system. An unsymmetric tangent (follower loads) is factorised
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -30,6 +30,7 @@ from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
 from jaxmyo.ties import rigid_unknowns
 
+EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]
 NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
@@ -107,7 +108,8 @@ class Sparse:
             if _equal(known.system, system):
                 _known.append(_known.pop(k))
                 return known
-        del _known[: len(_known) - 1]  # A and C of one body at a time, for the memory of their factors
+        while len(_known) > 1:  # A and C of one body at a time, for the memory of their factors
+            _known.pop(0).release()
         _known.append(cls(system))
         return _known[-1]
 
@@ -295,18 +297,32 @@ class Sparse:
             np.add.at(data, self.pattern.find(of_loads.row[upper], of_loads.col[upper]), of_loads.data[upper])
         return data
 
+    def release(self) -> None:
+        """Free the factors; they are made anew when they are needed."""
+        self.factors, self._factored = factor.solver(self.pattern, self._rigid), None
+
     def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None, last: bool) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
         if self._factored is None or (last and not self._serves(K)):
             self._factorise(K, mu)
-        x, reached = self._krylov(K, mu, b, accuracy, guess)
-        if not reached and self._factored is not K:
+        x, off = self._krylov(K, mu, b, accuracy, guess)
+        if not off <= accuracy and self._factored is not K:
             self._factorise(K, mu)
-            x, reached = self._krylov(K, mu, b, accuracy, x)
-        return x if reached else np.full(b.shape, np.nan)
+            x, off = self._krylov(K, mu, b, accuracy, x)
+        return x if off <= accuracy else np.full(b.shape, np.nan)
 
-    def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, bool]:
-        """x, and whether it is the solution to that accuracy; preconditioned by the factors that are there."""
+    def solve_exactly(self, K: Tangent, b: Floats) -> tuple[Floats, float]:
+        """The solution of K x = b as far as round-off lets it, and its relative residual."""
+        x, off = np.zeros_like(b), np.inf
+        if self._factored is not None:
+            x, off = self._krylov(K, 0.0, b, 1e-12, None)
+        if not off <= EXACT and self._factored is not K:
+            self._factorise(K, 0.0)
+            x, off = self._krylov(K, 0.0, b, 1e-12, None)
+        return x, off
+
+    def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, float]:
+        """x, aimed at that accuracy, and its relative residual; preconditioned by the factors that are there."""
         assert self._factored is not None
         n_u, M = self.system.n_u, self._factored
         upper = self.pattern.matrix(K.data + mu * self._metric)
@@ -336,15 +352,50 @@ class Sparse:
             P = LinearOperator((len(b), len(b)), lambda r: precondition(r / s) / s, dtype=float)
             count, start = self.factors.iterations[M is K], None if guess is None else guess / s
             y, _ = gcrotmk(A, s * b, x0=start, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
-            return s * y, bool(np.linalg.norm(A @ y - s * b) <= accuracy * np.linalg.norm(s * b))
+            size = np.linalg.norm(s * b)
+            return s * y, float(np.linalg.norm(A @ y - s * b) / size) if size else 0.0
 
 
 _known: list[Sparse] = []
 
 
+#: The tangents at the last states that a derivative was asked of, by a number that JAX can carry.
+_held: dict[int, tuple[Sparse, Tangent]] = {}
+_HELD_AT_MOST = 64
+
+
+def hold(system: System, z: Floats, inputs: Inputs) -> int:
+    """The number of the tangent at z, for `solve_held`."""
+    sparse = Sparse.of(system)
+    handle = max(_held, default=0) + 1
+    _held[handle] = sparse, sparse.at(z, inputs).K
+    for old in list(_held)[:-_HELD_AT_MOST]:
+        del _held[old]
+    return handle
+
+
+def solve_held(handle: Any, b: Any, transposed: Any) -> Floats:
+    """The solution of K x = b, or of Kᵀ x = b; an error where it is not found to `EXACT`."""
+    if int(handle) not in _held:
+        raise RuntimeError(
+            f"a derivative of one of many large states: only the last {_HELD_AT_MOST} tangents are remembered"
+        )
+    sparse, K = _held[int(handle)]
+    if transposed and K.loads is not None:
+        K = replace(K, loads=K.loads.T.tocsr())
+    x, off = sparse.solve_exactly(K, np.asarray(b))
+    if not off <= EXACT:
+        raise RuntimeError(
+            f"the linear system of a derivative was solved to {off:.1e} only (relative residual; {EXACT:g} is asked "
+            "for): the tangent is all but singular there"
+        )
+    return x
+
+
 def forget() -> None:
-    """Free the patterns and factors that are kept for the next solve."""
+    """Free the patterns and factors that are kept for the next solve, and for derivatives of the last ones."""
     _known.clear()
+    _held.clear()
 
 
 def _equal(a: Any, b: Any) -> bool:

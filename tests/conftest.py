@@ -64,7 +64,8 @@ def run_jaxmyo(paper_folder: Path) -> Command:
     """As a user runs it: in a process of its own, in `paper_folder`, with a cache directory of its own there."""
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "XDG_CACHE_HOME": str(paper_folder / "cache")}
+        own = {"XDG_CACHE_HOME": str(paper_folder / "cache")}
+        environment = {n: v for n, v in os.environ.items() if n != "JAX_COMPILATION_CACHE_DIR"} | own
         command = [sys.executable, "-m", "jaxmyo", *arguments]
         return subprocess.run(command, cwd=paper_folder, env=environment, capture_output=True, text=True)
 

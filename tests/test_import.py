@@ -1,6 +1,7 @@
 """Importing the package switches on float64 and does nothing else."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -37,7 +38,9 @@ print(json.dumps({
 
 
 def run(script: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120, env=environment)
 
 
 def test_import_changes_nothing_but_float64() -> None:
