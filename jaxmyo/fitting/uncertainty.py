@@ -1,0 +1,128 @@
+"""What the data can tell: standard errors, correlations, undetermined combinations, profiles.
+
+Everything is taken in the free variables x of `parameters` (logarithms of what must be positive, relative sizes of the
+rest), so that intervals respect the bounds. Errors are independent and Gaussian with the variance s²/weight,
+s² = Σ w r²/(n − k); with a robust loss the residuals and derivatives are those through the loss, an approximation.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from jaxmyo.fitting.least_squares import Found, Loss, solve
+from jaxmyo.fitting.parameters import EDGE, values_at
+from jaxmyo.fitting.problem import Problem
+
+#: A combination of the x is undetermined if its standard error is above this: a factor e, or 100 %.
+UNDETERMINED = 1.0
+
+
+@dataclass(frozen=True)
+class Local:
+    """The linearised problem at the estimate. k free parameters, n observations with a weight.
+
+    sd: s [unit of the observations]; covariance: (k, k) of x; errors: (k,) standard errors of x; correlation: (k, k);
+    combinations: (k, k), rows are orthonormal directions of x from the best determined to the worst (the right singular
+    vectors of the Jacobian), spread: (k,) the standard error along each, inf where no observation depends on it.
+    """
+
+    sd: float
+    covariance: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    correlation: NDArray[np.float64]
+    combinations: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
+def units_of_x(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The x (k,) that one unit of the combinations is: 1 for a logarithm, the estimate itself (100 %) without bounds."""
+    return np.array([max(abs(v), 1e-3) if p.kind == "none" else 1.0 for p, v in zip(problem.fitted, x, strict=True)])
+
+
+def local(problem: Problem, found: Found, variance: float | None = None) -> Local:
+    """The uncertainty at a minimum, from the Jacobian there; variance: s², instead of that of the residuals."""
+    k = len(problem.free)
+    s2 = float(found.sum) / (problem.n - k) if variance is None else variance
+    unit = units_of_x(problem, found.x)
+    _, singular, rows = np.linalg.svd(found.jacobian * unit, full_matrices=False)
+    least = 1e-12 * max(float(singular[0]), np.finfo(float).tiny)
+    spread = np.where(singular > least, np.sqrt(s2) / np.maximum(singular, least), np.inf)
+    large = np.where(np.isfinite(spread), spread, 1e12)  # what is not determined at all
+    covariance = (unit * rows.T * large**2) @ (rows * unit)
+    errors = np.sqrt(np.diagonal(covariance))
+    outer = np.maximum(errors[:, None] * errors, np.finfo(float).tiny)
+    correlation = np.clip(covariance / outer, -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    return Local(float(np.sqrt(s2)), covariance, errors, correlation, rows, spread)
+
+
+def undetermined(problem: Problem, at: Local) -> list[dict[str, float]]:
+    """The combinations of parameters that the data do not determine, as coefficients of ln or relative changes."""
+    rows = at.combinations[at.spread > UNDETERMINED]
+    return [{name: float(c) for name, c in zip(problem.free, row, strict=True) if abs(c) > 0.05} for row in rows]
+
+
+def values_of(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values (k,) of the free parameters at x (k,)."""
+    fitted = problem.fitted
+    numbers: Any = [np.array([getattr(p, name) for p in fitted]) for name in ("low", "high", "scale")]
+    with np.errstate(over="ignore"):
+        return np.array([float(v) for v in values_at(x, tuple(p.kind for p in fitted), *numbers)])  # type: ignore[arg-type]
+
+
+def wald(problem: Problem, x: NDArray[np.float64], errors: NDArray[np.float64], level: float) -> NDArray[np.float64]:
+    """Confidence intervals (k, 2) of the values: x ± t · standard error, taken back to the values."""
+    t = float(stats.t.ppf(0.5 + 0.5 * level, problem.n - len(problem.free)))
+    ends = np.sort(np.stack([values_of(problem, x + side * t * errors) for side in (-1.0, 1.0)], axis=1), axis=1)
+    for i, p in enumerate(problem.fitted):  # what came to a bound is there
+        beside = EDGE.get(p.kind, np.inf)
+        span = np.exp(-beside) * (p.high - p.low if p.kind == "both" else p.scale)
+        ends[i, 0] = p.low if ends[i, 0] - p.low <= 1.01 * span else ends[i, 0]
+        ends[i, 1] = p.high if p.high - ends[i, 1] <= 1.01 * span or ends[i, 1] > 1e100 else ends[i, 1]
+    return ends
+
+
+def threshold(problem: Problem, found: Found, level: float) -> float:
+    """The sum of squares above which a value is rejected: (1 + F/(n − k)) of the least one, likelihood ratio."""
+    dof = problem.n - len(problem.free)
+    return float(found.sum) * (1.0 + float(stats.f.ppf(level, 1, dof)) / dof)
+
+
+def profiled(problem: Problem, found: Found, loss: Loss, i: int, value: float) -> Found:
+    """The best fit with the i-th free parameter held at a value, from the estimate of the others."""
+    x, held = np.array(found.x), np.arange(len(found.x)) == i
+    x[i] = problem.fitted[i].x(value)
+    return solve(problem, x, loss, held=held)
+
+
+def identifiable(
+    problem: Problem, found: Found, intervals: NDArray[np.float64], loss: Loss, level: float
+) -> list[bool]:
+    """Whether the data tell each parameter apart from both ends of `Parameter.far`.
+
+    Where the interval from the Jacobian is far inside, they do. Else the parameter is held at the end and the others are
+    fitted again (profile likelihood, Raue et al. 2009): the end must be rejected at the level.
+    """
+    limit = threshold(problem, found, level)
+    estimates, told = values_of(problem, found.x), []
+    for i, p in enumerate(problem.fitted):
+        rejected = []
+        for end, far in zip(intervals[i], p.far(estimates[i]), strict=True):
+            near = abs(p.x(far) - found.x[i]) > 3.0 * abs(_x_inside(p, end) - found.x[i])
+            rejected.append(near or _rejected(problem, found, loss, i, far, limit))
+        told.append(all(rejected))
+    return told
+
+
+def _rejected(problem: Problem, found: Found, loss: Loss, i: int, far: float, limit: float) -> bool:
+    there = profiled(problem, found, loss, i, far)
+    # Where a state is not found, the sum is of the others and of what stands for it, far above.
+    return float(there.sum) > limit
+
+
+def _x_inside(p: Any, value: float) -> float:
+    """x of a value that may be on a bound."""
+    return p.x(value) if p.low < value < p.high else np.inf
