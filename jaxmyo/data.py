@@ -244,13 +244,13 @@ class _Row:
         if control == "stress":
             if sheared.size or measure == "pk2" or not np.isnan(stretch[2]):
                 raise ValueError(f"{self.at}: control by stress is for cauchy or nominal stresses along f and cf")
-        elif bad := [
-            AXES[k] for k in range(3) if np.isnan(stretch[k]) and not np.isnan(stress[k]) and stress[k] != 0.0
-        ]:
-            if not sheared.size:
-                raise ValueError(
-                    f"{self.at}: a stress along {bad[0]} but no stretch; a free direction has none (or control = stress)"
-                )
+            return
+        loaded = np.isnan(stretch) & (np.nan_to_num(stress[:3]) != 0.0)
+        if loaded.any() and not sheared.size:
+            a = AXES[int(np.argmax(loaded))]
+            raise ValueError(
+                f"{self.at}: a stress along {a} but no stretch; a free direction has none (or control = stress)"
+            )
 
 
 def _collect(rows: list[dict[str, Any]]) -> Data:

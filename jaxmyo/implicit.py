@@ -30,8 +30,8 @@ def follow(
     """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors.
 
     Of its results z and inputs have derivatives, by `end` and by the arrays of `system`. They are 0 where the path
-    failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest. Errors: SingularError for a derivative of a
-    singular state, outside of jit and vmap.
+    failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
+    Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
     stepwise = settings.time_limit is not None or settings.progress
     if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
@@ -67,7 +67,7 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
     held = None if system.is_small else _hold(system, s.z, s.inputs)
     dz = _sensitivity(system, s.z, s.inputs, regular, held, of_system, of_inputs, moved=moved, driven=driven)
     ds = jax.tree.map(_nothing, s)
-    # Those of a singular state too: passive tissue at rest hands its constants on to the states that are loaded from it.
+    # Those of a singular state too: passive tissue at rest hands its constants on to what is loaded from it.
     known = [jnp.where(s.status == Status.CONVERGED, dx, 0.0) for dx in of_inputs]
     return s, ds._replace(z=dz, inputs=_with(ds.inputs, driven, known))
 

@@ -43,9 +43,9 @@ class Estimate:
 class Fit:
     """What `fit` found.
 
-    problem; estimates: name → `Estimate`, of the free parameters; level: of the intervals [–]; found: the minimum in the
-    free variables x, with residuals and Jacobian; local: covariance, correlations and combinations there; starts: of
-    each start its end, `Found` with a leading axis; loss; seed, spread: of the random starts.
+    problem; estimates: name → `Estimate`, of the free parameters; level: of the intervals [–]; found: the minimum in
+    the free variables x, with residuals and Jacobian; local: covariance, correlations and combinations there; starts:
+    of each start its end, `Found` with a leading axis; loss; seed, spread: of the random starts.
     """
 
     problem: Problem
@@ -214,16 +214,16 @@ def fit(
     complete = np.isfinite(every.predicted[:, used]).all(axis=1) & np.isfinite(every.sum)
     if not complete.any():
         raise SolveError(
-            f"fit: no start of {starts} came to values at which every state is found. Start nearer, fix more parameters, "
-            "give bounds, or take more starts",
+            f"fit: no start of {starts} came to values at which every state is found. Start nearer, fix more "
+            "parameters, give bounds, or take more starts",
             every,
         )
     best = int(np.argmin(np.where(complete, every.sum, np.inf)))
     found = Found(*(field[best] for field in every))
     if not found.converged:
         warnings.warn(
-            f"fit: no minimum after {int(found.iterations)} steps; the values are the best that were found (more steps: "
-            "max_steps; fewer free parameters)",
+            f"fit: no minimum after {int(found.iterations)} steps; the values are the best that were found (more "
+            "steps: max_steps; fewer free parameters)",
             stacklevel=2,
         )
     _check_size(problem, found)

@@ -1,8 +1,8 @@
 """The least-squares solves: Levenberg–Marquardt of optimistix, many starts as one vmapped program; SciPy outside JAX.
 
-Residuals are √w (predicted − observed), over the size of the observations, through the robust loss. One compiled program
-serves a fit, its profile (a parameter that is held has a residual of its own) and a held-out protocol (weights are
-inputs); another one serves a batch.
+Residuals are √w (predicted − observed), over the size of the observations, through the robust loss. One compiled
+program serves a fit, its profile (a parameter that is held has a residual of its own) and a held-out protocol (weights
+are inputs); another one serves a batch.
 """
 
 from collections.abc import Callable
@@ -16,11 +16,12 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks
+from jaxmyo.compiler import QUICK
 from jaxmyo.fitting.parameters import values_at
 from jaxmyo.fitting.problem import MISSED, Predict, Problem, spread
 
 #: Of the free variables x, which are of size 1, and of the scaled residuals.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-8
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
@@ -32,6 +33,9 @@ class Loss(NamedTuple):
 
     name: str = "linear"
     scale: float = 1.0
+
+
+LINEAR = Loss()
 
 
 class Found(NamedTuple):
@@ -82,7 +86,7 @@ def check_loss(loss: Loss) -> Loss:
 def solve(
     problem: Problem,
     x: NDArray[np.float64],
-    loss: Loss = Loss(),
+    loss: Loss = LINEAR,
     *,
     held: NDArray[np.bool_] | None = None,
     observed: NDArray[np.float64] | None = None,
@@ -118,7 +122,7 @@ def _program(
 ) -> Callable[[Any, _Inputs], Found]:
     """The compiled solve; one per problem that differs by more than numbers."""
     one = partial(_solve, predict, space, loss, max_steps)
-    return jax.jit(one if axes is None else jax.vmap(one, in_axes=(0, axes)))
+    return jax.jit(one if axes is None else jax.vmap(one, in_axes=(0, axes)), compiler_options=QUICK)
 
 
 def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, x: Array, inputs: _Inputs) -> Found:

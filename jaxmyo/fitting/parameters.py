@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-#: Bounds of the parameters that the package knows; others are unbounded.
-BOUNDS = {"T0": (0.0, np.inf), "a_over_D": (0.0, 0.25), "C1p": (0.0, np.inf), "C": (0.0, np.inf)}
+#: Bounds of the parameters that the package knows; others are unbounded. Q of the Lin–Yin law must grow with strain.
+_POSITIVE = (0.0, np.inf)
+BOUNDS = {"a_over_D": (0.0, 0.25)} | dict.fromkeys(("T0", "C1p", "C2p", "C4p", "C", "bf", "bt", "bfs"), _POSITIVE)
 UNITS = {"T0": "kPa", "a_over_D": "–", "C1p": "kPa", "C2p": "–", "C3p": "–", "C4p": "–", "C": "kPa"}
 UNITS |= {"C1a": "kPa", "C2a": "kPa", "C3a": "kPa", "C4a": "kPa", "bf": "–", "bt": "–", "bfs": "–"}
 

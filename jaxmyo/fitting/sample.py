@@ -1,4 +1,4 @@
-"""Measured curves as a problem: every row of the data is a state C of the homogeneous sample, solved by the elements."""
+"""Measured curves as a problem: every row of the data is a state C of the homogeneous sample, by the elements."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -198,6 +198,6 @@ def _check_energy(data: Data, scene: Scene) -> None:
     if not np.isfinite(W).all():
         i = int(np.argmax(~np.isfinite(W)))
         raise ValueError(
-            f"law: the energy is {W[i]} at line {data.lines[i]} of the data (stretches {np.round(stretch[i], 4).tolist()}, "
-            f"beta = {data.beta[i]:g}) with constants = {scene.constants}"
+            f"law: the energy is {W[i]} at line {data.lines[i]} of the data (stretches "
+            f"{np.round(stretch[i], 4).tolist()}, beta = {data.beta[i]:g}) with constants = {scene.constants}"
         )

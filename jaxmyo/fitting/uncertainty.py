@@ -38,8 +38,8 @@ class Local:
 
 
 def units_of_x(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The x (k,) that one unit of the combinations is: 1 for a logarithm, the estimate itself (100 %) without bounds."""
-    return np.array([max(abs(v), 1e-3) if p.kind == "none" else 1.0 for p, v in zip(problem.fitted, x, strict=True)])
+    """The x (k,) that one unit of the combinations is: 1 for a logarithm, the estimate (100 %) without bounds."""
+    return np.array([max(abs(v), 0.1) if p.kind == "none" else 1.0 for p, v in zip(problem.fitted, x, strict=True)])
 
 
 def local(problem: Problem, found: Found, variance: float | None = None) -> Local:
@@ -103,8 +103,8 @@ def identifiable(
 ) -> list[bool]:
     """Whether the data tell each parameter apart from both ends of `Parameter.far`.
 
-    Where the interval from the Jacobian is far inside, they do. Else the parameter is held at the end and the others are
-    fitted again (profile likelihood, Raue et al. 2009): the end must be rejected at the level.
+    Where the interval from the Jacobian is far inside, they do. Else the parameter is held at the end and the others
+    are fitted again (profile likelihood, Raue et al. 2009): the end must be rejected at the level.
     """
     limit = threshold(problem, found, level)
     estimates, told = values_of(problem, found.x), []
