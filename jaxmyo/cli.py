@@ -14,6 +14,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     started = time.perf_counter()
     options = _parser().parse_args(argv)
     use_compilation_cache()
+    if hasattr(options, "run"):
+        return int(options.run(options, started))
     from jaxmyo.paper import command
 
     return command.run(options.out, options.set, options.json, started)
@@ -21,6 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     from jaxmyo.constants import SETS
+    from jaxmyo.fitting import arguments as fit
 
     parser = argparse.ArgumentParser(
         prog="jaxmyo", description="Large deformation of living soft tissue by mixed finite elements on JAX."
@@ -43,6 +46,7 @@ def _parser() -> argparse.ArgumentParser:
         "everything else with table1)",
     )
     paper.add_argument("--json", action="store_true", help="one JSON object on stdout instead of the table")
+    fit.add(commands)
     return parser
 
 

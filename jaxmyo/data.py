@@ -73,8 +73,11 @@ class Data:
     def rows(self, which: Any) -> "Data":
         """Some of the rows, by a mask (n,) or an index."""
         at = np.arange(len(self))[which]
-        pick = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Data(**{k: tuple(v[i] for i in at) if isinstance(v, tuple) else v[at] for k, v in pick.items()})
+        pick: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        picked: dict[str, Any] = {
+            k: tuple(v[i] for i in at) if isinstance(v, tuple) else v[at] for k, v in pick.items()
+        }
+        return Data(**picked)
 
     def of(self, *protocols: str) -> "Data":
         """The rows of some protocols. ValueError for a name that there is not."""
@@ -255,7 +258,8 @@ class _Row:
 
 def _collect(rows: list[dict[str, Any]]) -> Data:
     columns = {name: [row[name] for row in rows] for name in rows[0]}
-    return Data(**{k: tuple(v) if isinstance(v[0], str) else np.array(v) for k, v in columns.items()})
+    arrays: dict[str, Any] = {k: tuple(v) if isinstance(v[0], str) else np.array(v) for k, v in columns.items()}
+    return Data(**arrays)
 
 
 def _check_size(path: Path, data: Data, header: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jaxmyo import checks
 from jaxmyo.fitting import uncertainty
-from jaxmyo.fitting.least_squares import Found, Loss, check_loss, solve
+from jaxmyo.fitting.least_squares import Found, Loss, check_loss, solve, values_of
 from jaxmyo.fitting.problem import Problem
 from jaxmyo.status import SolveError
 
@@ -232,7 +232,7 @@ def fit(
 
 def _described(problem: Problem, found: Found, every: Found, loss: Loss, level: float, seed: int, spread: float) -> Fit:
     local = uncertainty.local(problem, found)
-    values = uncertainty.values_of(problem, found.x)
+    values = values_of(problem, found.x)
     intervals = uncertainty.wald(problem, found.x, local.errors, level)
     told = uncertainty.identifiable(problem, found, intervals, loss, level)
     slopes = _slopes(problem, found.x)
@@ -253,7 +253,7 @@ def _described(problem: Problem, found: Found, every: Found, loss: Loss, level: 
 def _slopes(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """d value / dx (k,), by central differences of a closed form."""
     h = 1e-6
-    return (uncertainty.values_of(problem, x + h) - uncertainty.values_of(problem, x - h)) / (2.0 * h)
+    return (values_of(problem, x + h) - values_of(problem, x - h)) / (2.0 * h)
 
 
 def held_out(problem: Problem, **options: Any) -> dict[str, Fit]:

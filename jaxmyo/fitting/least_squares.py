@@ -20,8 +20,10 @@ from jaxmyo.compiler import QUICK
 from jaxmyo.fitting.parameters import values_at
 from jaxmyo.fitting.problem import MISSED, Predict, Problem, spread
 
-#: Of the free variables x, which are of size 1, and of the scaled residuals.
-TOLERANCE = 1e-8
+#: A minimum is reached where a Gauss–Newton step would lower the sum of squares by less than this part of it (so that x
+#: is within 1e-3 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
+#: this part of the observations.
+OFFSET, EXACT = 1e-8, 1e-10
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
@@ -53,26 +55,23 @@ class Found(NamedTuple):
     iterations: Any
 
 
-class _Space(NamedTuple):
-    """What of the free parameters is static."""
-
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-
-
 class _Inputs(NamedTuple):
-    """What of a problem may change without a new program; x where `held` is fixed."""
+    """What of a problem may change without a new program; (K,) over all parameters, of which the held ones stay."""
 
-    held: Array
-    x: Array
-    observed: Array
-    weight: Array
-    fixed: dict[str, Array]
-    low: Array
-    high: Array
-    scale: Array
-    size: Array
-    loss_scale: Array
+    held: Any
+    value: Any  # of the held ones
+    x: Any  # of the start
+    observed: Any
+    weight: Any
+    low: Any
+    high: Any
+    scale: Any
+    size: Any
+    loss_scale: Any
+
+
+#: Names and kinds of bounds of all parameters.
+_Space = tuple[tuple[str, str], ...]
 
 
 def check_loss(loss: Loss) -> Loss:
@@ -97,8 +96,8 @@ def solve(
     held: (k,) or (m, k), which of x stay as they are; observed: (n,) or (m, n), instead of the problem's.
     """
     x = np.asarray(x, dtype=np.float64)
-    held = np.zeros(x.shape, dtype=bool) if held is None else np.broadcast_to(held, x.shape)
-    data = problem.observed if observed is None else np.asarray(observed, dtype=np.float64)
+    held = np.broadcast_to(False if held is None else held, x.shape)
+    data = np.asarray(problem.observed if observed is None else observed, dtype=np.float64)
     if not problem.staged:
         if x.ndim == 1:
             return _outside(problem, x, loss, held, data, max_steps)
@@ -108,34 +107,40 @@ def solve(
         ]
         return Found(*(np.stack(field) for field in zip(*each, strict=True)))
     inputs = _inputs(problem, x, held, data, loss)
-    space = _Space(problem.free, tuple(p.kind for p in problem.fitted))
     axes = None
     if x.ndim == 2:
-        axes = _Inputs(0, 0, 0 if data.ndim == 2 else None, *[None] * 7)  # type: ignore[arg-type]
-    found = _program(problem.predict, space, loss.name, max_steps, axes)(x, inputs)
-    return Found(*(np.asarray(field) for field in found))
+        axes = _Inputs(0, 0, 0, 0 if data.ndim == 2 else None, *[None] * 6)
+    space = tuple((p.name, p.kind) for p in problem.parameters)
+    found = Found(*map(np.asarray, _program(problem.predict, space, loss.name, max_steps, axes)(inputs)))
+    free = _places(problem)
+    return found._replace(x=found.x[..., free], jacobian=found.jacobian[..., free])
+
+
+def _places(problem: Problem) -> list[int]:
+    """Where the free parameters stand among all."""
+    names = [p.name for p in problem.parameters]
+    return [names.index(name) for name in problem.free]
 
 
 @cache
 def _program(
     predict: Predict, space: _Space, loss: str, max_steps: int, axes: _Inputs | None
-) -> Callable[[Any, _Inputs], Found]:
-    """The compiled solve; one per problem that differs by more than numbers."""
+) -> Callable[[_Inputs], Found]:
+    """The compiled solve; one per problem that differs by more than numbers and by which parameters are free."""
     one = partial(_solve, predict, space, loss, max_steps)
-    return jax.jit(one if axes is None else jax.vmap(one, in_axes=(0, axes)), compiler_options=QUICK)
+    return jax.jit(one if axes is None else jax.vmap(one, in_axes=(axes,)), compiler_options=QUICK)
 
 
-def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, x: Array, inputs: _Inputs) -> Found:
+def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, inputs: _Inputs) -> Found:
     optx = _optimistix()
-    k = len(space.names)
+    k = len(space)
 
     def residual(x: Array, inputs: _Inputs) -> tuple[Array, Array]:
-        at = jnp.where(inputs.held, inputs.x, x)
-        r, predicted = _residuals(predict, space, loss, at, inputs)
+        r, predicted = _residuals(predict, space, loss, x, inputs)
         return jnp.concatenate([r, jnp.where(inputs.held, x - inputs.x, 0.0)]), predicted
 
-    method = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
-    end = optx.least_squares(residual, method, x, inputs, has_aux=True, max_steps=max_steps, throw=False)
+    method = _levenberg_marquardt()()
+    end = optx.least_squares(residual, method, inputs.x, inputs, has_aux=True, max_steps=max_steps, throw=False)
     last = end.state.f_info
     jacobian = last.jac.as_matrix()[:-k] * inputs.size
     r = last.residual[:-k] * inputs.size
@@ -146,8 +151,8 @@ def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, x: Array,
 
 def _residuals(predict: Predict, space: _Space, loss: str, x: Array, inputs: _Inputs) -> tuple[Array, Array]:
     """Scaled residuals (n,) through the loss, and the predictions (n,)."""
-    free = values_at(x, space.kinds, inputs.low, inputs.high, inputs.scale)
-    predicted = predict(inputs.fixed | dict(zip(space.names, free, strict=True)))
+    free = values_at(x, tuple(kind for _, kind in space), inputs.low, inputs.high, inputs.scale)
+    predicted = predict({n: jnp.where(inputs.held[i], inputs.value[i], free[i]) for i, (n, _) in enumerate(space)})
     off = jnp.where(jnp.isfinite(predicted), predicted - inputs.observed, MISSED * inputs.size)
     r = jnp.sqrt(inputs.weight) * off
     return r * jnp.sqrt(_over_square(loss, (r / inputs.loss_scale) ** 2)) / inputs.size, predicted
@@ -169,51 +174,86 @@ def _over_square(loss: str, z: Array) -> Array:
 def _inputs(
     problem: Problem, x: NDArray[Any], held: NDArray[np.bool_], observed: NDArray[np.float64], loss: Loss
 ) -> _Inputs:
+    every, free = problem.parameters, _places(problem)
+    shape = (*x.shape[:-1], len(every))
+    full, stay, value = np.zeros(shape), np.ones(shape, dtype=bool), np.empty(shape)
+    full[..., free], stay[..., free] = x, held
+    value[:] = [p.value for p in every]
+    value[..., free] = np.apply_along_axis(partial(values_of, problem), -1, x)
+    low, high, scale = (np.array([getattr(p, name) for p in every]) for name in ("low", "high", "scale"))
+    size = np.float64(spread(problem.observed))
+    return _Inputs(stay, value, full, observed, problem.weight, low, high, scale, size, np.float64(loss.scale))
+
+
+def values_of(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values (k,) of the free parameters at x (k,)."""
     fitted = problem.fitted
-    fixed: Any = {p.name: np.float64(p.value) for p in problem.parameters if p.name not in problem.free}
-    numbers: Any = [np.array([getattr(p, name) for p in fitted]) for name in ("low", "high", "scale")]
-    arrays: Any = (held, x, observed, problem.weight, fixed)
-    return _Inputs(*arrays, *numbers, np.float64(spread(problem.observed)), np.float64(loss.scale))  # type: ignore[arg-type]
+    low, high, scale = (np.array([getattr(p, name) for p in fitted]) for name in ("low", "high", "scale"))
+    return np.array(values_at(x, tuple(p.kind for p in fitted), low, high, scale, np))
 
 
 def _outside(
     problem: Problem, x: NDArray[Any], loss: Loss, held: NDArray[np.bool_], observed: NDArray[Any], max_steps: int
 ) -> Found:
-    """The same by SciPy's Levenberg–Marquardt, for predictions that do not run inside `jit`."""
+    """The same by SciPy's trust region, for predictions that do not run inside `jit`."""
     from scipy.optimize import least_squares
 
     inputs = _inputs(problem, x, held, observed, loss)
-    space = _Space(problem.free, tuple(p.kind for p in problem.fitted))
-    free = np.flatnonzero(~held)
+    space = tuple((p.name, p.kind) for p in problem.parameters)
+    moving = np.flatnonzero(~held)
+    places = np.array(_places(problem))[moving]
     last: dict[str, Any] = {}
 
     def at(y: NDArray[np.float64]) -> dict[str, Any]:
-        if not np.array_equal(last.get("y"), y):  # SciPy asks for the residuals and for their derivatives
-            full = jnp.asarray(x).at[free].set(y)
-            r, push, predicted = jax.linearize(
-                lambda x: _residuals(problem.predict, space, loss.name, x, inputs), full, has_aux=True
-            )
-            columns = [np.asarray(push(jnp.zeros(len(x)).at[i].set(1.0))) for i in free]
-            last.update(y=y.copy(), r=np.asarray(r), J=np.stack(columns, axis=1), predicted=np.asarray(predicted))
+        if not np.array_equal(last.get("y", np.nan), y):  # SciPy asks for the residuals and for their derivatives
+
+            def residual(y: Array) -> tuple[Array, Array]:
+                return _residuals(problem.predict, space, loss.name, jnp.asarray(inputs.x).at[places].set(y), inputs)
+
+            r, push, predicted = jax.linearize(residual, jnp.asarray(y), has_aux=True)
+            J = np.stack([np.asarray(push(e)) for e in jnp.eye(len(y))], axis=1)
+            last.update(y=y.copy(), r=np.asarray(r), J=J, predicted=np.asarray(predicted))
         return dict(last)
 
-    if free.size:
-        # `lm` of MINPACK has no limit of iterations but one of evaluations, and a Jacobian at each is what costs.
-        end = least_squares(
-            lambda y: at(y)["r"], x[free], lambda y: at(y)["J"], method="trf", xtol=1e-9, ftol=1e-12, gtol=1e-12,
-            max_nfev=max_steps,
-        )  # fmt: skip
-        y, good, n = end.x, end.status > 0, end.nfev
-    else:
-        y, good, n = x[free], True, 1
-    known, size = at(y), float(inputs.size)
-    jacobian = np.zeros((len(known["r"]), len(x)))
-    jacobian[:, free] = known["J"] * size
-    full = x.copy()
-    full[free] = y
+    end = least_squares(
+        lambda y: at(y)["r"],
+        x[moving],
+        lambda y: at(y)["J"],
+        xtol=1e-9,
+        ftol=1e-10,
+        gtol=None,
+        max_nfev=max_steps,
+    )
+    known, size = at(end.x), float(inputs.size)
+    full, jacobian = x.copy(), np.zeros((len(observed), len(x)))
+    full[moving], jacobian[:, moving] = end.x, known["J"] * size
     seen = bool((np.isfinite(known["predicted"]) | (np.asarray(inputs.weight) == 0.0)).all())
-    r = known["r"] * size
-    return Found(full, r, jacobian, known["predicted"], np.sum(r**2), np.array(seen and good), np.array(n))
+    r, good, n = known["r"] * size, np.array(seen and end.status > 0), np.array(end.nfev)
+    return Found(full, r, jacobian, known["predicted"], np.sum(r**2), good, n)
+
+
+@cache
+def _levenberg_marquardt() -> Any:
+    """optimistix's method; it ends where the data cannot tell the next step, however far that goes in a flat valley."""
+    optx = _optimistix()
+
+    class LevenbergMarquardt(optx.LevenbergMarquardt):  # type: ignore[name-defined]
+        def __init__(self) -> None:
+            super().__init__(rtol=1e-13, atol=1e-13)
+            # The damping falls after a good step, not only after a perfect one: valleys of exp Q are curved.
+            self.search = optx.ClassicalTrustRegion(0.75, 0.1, 5.0, 0.2)
+
+        def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
+            done, result = super().terminate(fn, y, args, options, state, tags)
+            J, r = state.f_info.jac.as_matrix(), state.f_info.residual
+            J = J / jnp.maximum(jnp.linalg.norm(J, axis=0), 1e-30)[None]
+            slope = J.T @ r
+            gain = slope @ jnp.linalg.solve(J.T @ J + 1e-13 * jnp.eye(len(slope)), slope)
+            sum_ = r @ r
+            there = (gain <= OFFSET * sum_) | (sum_ <= len(r) * EXACT**2)
+            return done | (there & (state.num_accepted_steps > 0)), result
+
+    return LevenbergMarquardt
 
 
 def _optimistix() -> Any:

@@ -7,12 +7,12 @@ its logarithm. A parameter that runs to its bound stops beside it, at `EDGE`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 #: Bounds of the parameters that the package knows; others are unbounded. Q of the Lin–Yin law must grow with strain.
 _POSITIVE = (0.0, np.inf)
@@ -89,16 +89,18 @@ class Parameter:
         return value - (abs(value) or self.scale), value + (abs(value) or self.scale)
 
 
-def values_at(x: Array, kinds: tuple[str, ...], low: Array, high: Array, scale: Array) -> list[Array]:
-    """The values (k) of free parameters at x (k,); kinds: of each, see `Parameter.kind`; scale: `Parameter.scale`."""
+def values_at(x: Any, kinds: tuple[str, ...], low: Any, high: Any, scale: Any, xp: ModuleType = jnp) -> list[Any]:
+    """The values (k) of parameters at x (k,); kinds: of each, see `Parameter.kind`; scale: `Parameter.scale`."""
     made = []
     for i, kind in enumerate(kinds):
         if kind == "both":
-            made.append(low[i] + (high[i] - low[i]) * jax.nn.sigmoid(jnp.clip(x[i], -EDGE[kind], EDGE[kind])))
+            part = 1.0 / (1.0 + xp.exp(-xp.clip(x[i], -EDGE[kind], EDGE[kind])))
+            made.append(low[i] + (high[i] - low[i]) * part)
         elif kind == "none":
             made.append(scale[i] * x[i])
         else:
-            part = jnp.exp(jnp.maximum(x[i], jnp.log(scale[i]) - EDGE[kind]))
+            middle = xp.log(scale[i])
+            part = xp.exp(xp.clip(x[i], middle - EDGE[kind], middle + 10.0 * EDGE[kind]))
             made.append(low[i] + part if kind == "low" else high[i] - part)
     return made
 

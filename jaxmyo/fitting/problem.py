@@ -37,7 +37,7 @@ class Problem:
     observed: NDArray[np.float64]
     parameters: tuple[Parameter, ...]
     free: tuple[str, ...]
-    weight: NDArray[np.float64] | None = None
+    weight: Any = None
     groups: tuple[str, ...] = ()
     unit: str = "kPa"
     staged: bool = True
@@ -80,7 +80,7 @@ class Problem:
     @property
     def n(self) -> int:
         """The number of observations with a weight."""
-        return int((self.weight > 0.0).sum())  # type: ignore[operator]
+        return int((self.weight > 0.0).sum())
 
     def starting_at(self, **values: float) -> "Problem":
         """The same problem with other values of some parameters."""

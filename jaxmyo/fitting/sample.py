@@ -37,9 +37,9 @@ def sample_problem(
 
     The parameters are the constants by their names, T0 [kPa] and, with the weave, a_over_D; constants, T0 and a_over_D
     (None: no weave) are where they start, or what they are. free: names of those that are fitted, default all
-    constants; bounds: name → (low, high), instead of `fitting.parameters.BOUNDS`; per_protocol: names that have a value
-    of their own for each protocol, "T0[contracted]", the others are shared. A name in `free` that is per protocol
-    stands for all of its values. Observed are the stresses [kPa], and the stretches [–] of rows under
+    constants that any row depends on; bounds: name → (low, high), instead of `fitting.parameters.BOUNDS`;
+    per_protocol: names that have a value of their own for each protocol, "T0[contracted]", the others are shared; such
+    a name in `free` stands for all of its values. Observed are the stresses [kPa], and the stretches [–] of rows under
     control by stress; where there are both, weights make them comparable.
 
     Errors: ValueError for unknown names, values out of bounds, a law whose energy is not finite at a row of the data.
@@ -52,10 +52,10 @@ def sample_problem(
     start = dict(zip(own, map(float, jax.tree.leaves(constants)), strict=True)) | {"T0": checks.number("T0", T0, "T0")}
     if a_over_D is not None:
         start["a_over_D"] = checks.number("a_over_D", a_over_D, "a_over_D")
-    _check_energy(data, scene)
+    felt = _felt(data, scene)
     split = dict.fromkeys(per_protocol, data.protocols)
     parameters = parameters_of(start, bounds or {}, split)
-    wanted = own if free is None else list(free)
+    wanted = [n for n, f in zip(own, felt, strict=True) if f] if free is None else list(free)
     full = [f"{n}[{p}]" for n in wanted for p in split.get(n, ())]
     chosen = tuple(full + [n for n in wanted if n not in split])
     predict, observed, row = predictions(data, scene, a_over_D is not None, tuple(per_protocol))
@@ -90,19 +90,15 @@ def predictions(
     cases = [(p if per_protocol else "", float(b)) for p, b in zip(data.protocol, data.beta, strict=True)]
     every = list(dict.fromkeys(cases))
     case = np.array([every.index(c) for c in cases])
-    blocks, observed, row, place = [], [], [], []
-    offset = 0
+    blocks: list[tuple[Kind, NDArray[np.int64], tuple[NDArray[np.float64], ...]]] = []
+    computed = np.empty(len(data), dtype=np.int64)  # where each row comes among all that are computed
     for kind in dict.fromkeys(kinds):
         rows = np.array([i for i, k in enumerate(kinds) if k == kind])
-        inputs = _inputs(data.rows(rows), kind)
-        seen = np.array([_seen(data, i, kind) for i in rows])
-        at, what = np.nonzero(seen)
-        blocks.append((kind, rows, inputs))
-        place.append(offset + at * 12 + what)
-        offset += 12 * len(rows)
-        observed.append(np.concatenate([data.stress, data.stretch], axis=1)[rows[at], what])
-        row.append(rows[at])
-    where = np.concatenate(place)
+        computed[rows] = sum(r.size for _, r, _ in blocks) + np.arange(len(rows))
+        blocks.append((kind, rows, _inputs(data.rows(rows), kind)))
+    row, what = columns_of(data)
+    where = 12 * computed[row] + what
+    observed = np.concatenate([data.stress, data.stretch], axis=1)[row, what]
     structure = jax.tree.structure(scene.constants)
     own = names_of(scene.constants)
 
@@ -122,7 +118,13 @@ def predictions(
             found.append(jax.vmap(_test(kind))(start, *inputs).reshape(-1))
         return jnp.concatenate(found)[where]
 
-    return predict, np.concatenate(observed), np.concatenate(row)
+    return predict, observed, row
+
+
+def columns_of(data: Data) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The observations of data: the row of each (n,), and which of the 9 stresses and 3 stretches (n,) it is."""
+    row, what = np.nonzero([_seen(data, i, _kind(data, i)) for i in range(len(data))])
+    return row, what
 
 
 def _contracted(scene: Scene, constants: Any, T0: Array, a_over_D: Array | None, beta: Array) -> State:
@@ -174,8 +176,11 @@ def _seen(data: Data, i: int, kind: Kind) -> NDArray[np.bool_]:
     return np.concatenate([stress[:3] & stretch, np.zeros(9, dtype=bool)])
 
 
-def _check_energy(data: Data, scene: Scene) -> None:
-    """An error for a law that is not finite at the strain of a row; free stretches as if they shared what is left."""
+def _felt(data: Data, scene: Scene) -> list[bool]:
+    """Which constants the energy of any row depends on; an error for a law that is not finite there.
+
+    Free stretches are taken as if they shared what incompressibility leaves.
+    """
     stretch = data.stretch.copy()
     for i, row in enumerate(stretch):
         sheared = np.flatnonzero(~np.isnan(data.shear[i]))
@@ -189,15 +194,17 @@ def _check_energy(data: Data, scene: Scene) -> None:
     for k, mode in enumerate(MODES):
         i, j = (AXES.index(a) for a in mode.split("-"))
         F[:, j, i] += np.nan_to_num(data.shear[:, k])
-    C = F.swapaxes(1, 2) @ F
 
-    def energy(C: Array, beta: Array) -> Array:
-        return scene.law(C, jnp.eye(3), beta, scene.constants)
+    @jax.jit
+    @jax.vmap
+    def energy(C: Array, beta: Array) -> tuple[Array, Any]:
+        return jax.value_and_grad(lambda own: scene.law(C, jnp.eye(3), beta, own))(scene.constants)
 
-    W = np.asarray(jax.jit(jax.vmap(energy))(C, data.beta))
+    W, by_constants = energy(F.swapaxes(1, 2) @ F, data.beta)
     if not np.isfinite(W).all():
         i = int(np.argmax(~np.isfinite(W)))
         raise ValueError(
             f"law: the energy is {W[i]} at line {data.lines[i]} of the data (stretches "
             f"{np.round(stretch[i], 4).tolist()}, beta = {data.beta[i]:g}) with constants = {scene.constants}"
         )
+    return [bool(np.any(slope != 0.0)) for slope in jax.tree.leaves(by_constants)]

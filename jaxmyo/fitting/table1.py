@@ -6,6 +6,7 @@ which no entry is further from its printed number than rounding (or than the bes
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -18,9 +19,9 @@ from scipy.optimize import linprog
 from jaxmyo.conditions import Stretch
 from jaxmyo.constants import PRINTED, LinYin
 from jaxmyo.fitting.fit import Fit
+from jaxmyo.fitting.least_squares import values_of
 from jaxmyo.fitting.parameters import parameters_of
 from jaxmyo.fitting.problem import Problem
-from jaxmyo.fitting.uncertainty import values_of
 from jaxmyo.paper.homogeneous import SAMPLE, join, without_q
 from jaxmyo.paper.table1 import A_OVER_D, PRINTED_RATIO_PERCENT, PRINTED_SIGMA22_KPA, STRETCH, T0_KPA
 from jaxmyo.solve import contract, load
@@ -70,8 +71,6 @@ def _entries(values: Mapping[str, Array]) -> Array:
 
 
 def _with_system(woven: State, without: State, n: int) -> State:
-    from dataclasses import replace
-
     return replace(woven, system=jax.tree.map(lambda leaf: jnp.repeat(leaf[:1], n, axis=0), without.system))
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from jaxmyo.fitting.least_squares import Found, Loss, solve
-from jaxmyo.fitting.parameters import EDGE, values_at
+from jaxmyo.fitting.least_squares import Found, Loss, solve, values_of
+from jaxmyo.fitting.parameters import EDGE
 from jaxmyo.fitting.problem import Problem
 
 #: A combination of the x is undetermined if its standard error is above this: a factor e, or 100 %.
@@ -63,14 +63,6 @@ def undetermined(problem: Problem, at: Local) -> list[dict[str, float]]:
     """The combinations of parameters that the data do not determine, as coefficients of ln or relative changes."""
     rows = at.combinations[at.spread > UNDETERMINED]
     return [{name: float(c) for name, c in zip(problem.free, row, strict=True) if abs(c) > 0.05} for row in rows]
-
-
-def values_of(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The values (k,) of the free parameters at x (k,)."""
-    fitted = problem.fitted
-    numbers: Any = [np.array([getattr(p, name) for p in fitted]) for name in ("low", "high", "scale")]
-    with np.errstate(over="ignore"):
-        return np.array([float(v) for v in values_at(x, tuple(p.kind for p in fitted), *numbers)])  # type: ignore[arg-type]
 
 
 def wald(problem: Problem, x: NDArray[np.float64], errors: NDArray[np.float64], level: float) -> NDArray[np.float64]:
