@@ -22,6 +22,7 @@ from jaxmyo.conditions import (
 from jaxmyo.constants import LAND_ACTIVE, LAND_PASSIVE, MEASURED, PRINTED, SETS, TABLE1, Guccione, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
+from jaxmyo.data import Data, lin_yin_data, read_data
 from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
 from jaxmyo.energies import guccione, lin_yin
 from jaxmyo.export import write_series, write_vtu
@@ -35,6 +36,7 @@ from jaxmyo.scenes import (
     axisymmetric_tube,
     axisymmetric_ventricle,
     radial_tube,
+    specimen,
     thin_sample,
     tube_sector,
     ventricle_body,
@@ -55,6 +57,7 @@ __all__ = [
     "BodyForce",
     "Coordinates",
     "Cycle",
+    "Data",
     "Displacement",
     "Guccione",
     "Homogeneous",
@@ -87,13 +90,16 @@ __all__ = [
     "guccione",
     "helix_fibres",
     "lin_yin",
+    "lin_yin_data",
     "load",
     "load_state",
     "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
+    "read_data",
     "read_mesh",
     "save_state",
+    "specimen",
     "structured",
     "thin_sample",
     "tube_sector",
