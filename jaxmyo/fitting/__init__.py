@@ -1,5 +1,6 @@
 """Fits of constants to measurements, and what the measurements can tell of them. Needs the extra `fit` (optimistix)."""
 
+from jaxmyo.fitting.descent import descend
 from jaxmyo.fitting.fit import Estimate, Fit, fit, held_out, unfitted
 from jaxmyo.fitting.least_squares import Loss
 from jaxmyo.fitting.parameters import Parameter
@@ -12,6 +13,7 @@ __all__ = [
     "Loss",
     "Parameter",
     "Problem",
+    "descend",
     "fit",
     "held_out",
     "log_likelihood",

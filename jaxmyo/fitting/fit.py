@@ -120,7 +120,8 @@ class Fit:
         """
         i = list(self.problem.free).index(checks.choice("name", name, list(self.problem.free)))
         values = checks.concrete("values", values, (None,))
-        found = [uncertainty.profiled(self.problem, self.found, self.loss, i, float(v)) for v in values]
+        at = [self.problem.fitted[i].x(float(v)) for v in values]
+        found = [uncertainty.profiled(self.problem, self.found, self.loss, i, x) for x in at]
         for v, f in zip(values, found, strict=True):
             if not np.isfinite(f.predicted[np.asarray(self.problem.weight) > 0.0]).all():
                 raise SolveError(f"profile: with {name} = {v:g} a state was not found", f)
@@ -227,14 +228,13 @@ def fit(
             stacklevel=2,
         )
     _check_size(problem, found)
-    return _described(problem, found, every, chosen, level, seed, spread)
+    return described(problem, found, every, chosen, level, seed, spread)
 
 
-def _described(problem: Problem, found: Found, every: Found, loss: Loss, level: float, seed: int, spread: float) -> Fit:
+def described(problem: Problem, found: Found, every: Found, loss: Loss, level: float, seed: int, spread: float) -> Fit:
     local = uncertainty.local(problem, found)
     values = values_of(problem, found.x)
-    intervals = uncertainty.wald(problem, found.x, local.errors, level)
-    told = uncertainty.identifiable(problem, found, intervals, loss, level)
+    intervals, told = uncertainty.intervals(problem, found, local.errors, loss, level)
     slopes = _slopes(problem, found.x)
     estimates = {
         name: Estimate(

@@ -21,9 +21,9 @@ from jaxmyo.fitting.parameters import values_at
 from jaxmyo.fitting.problem import MISSED, Predict, Problem, spread
 
 #: A minimum is reached where a Gauss–Newton step would lower the sum of squares by less than this part of it (so that x
-#: is within 1e-3 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
+#: is within 1e-5 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
 #: this part of the observations.
-OFFSET, EXACT = 1e-8, 1e-10
+OFFSET, EXACT = 1e-12, 1e-10
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
@@ -190,6 +190,17 @@ def values_of(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
     fitted = problem.fitted
     low, high, scale = (np.array([getattr(p, name) for p in fitted]) for name in ("low", "high", "scale"))
     return np.array(values_at(x, tuple(p.kind for p in fitted), low, high, scale, np))
+
+
+def residual_of(problem: Problem, x: NDArray[np.float64], loss: Loss) -> Callable[[Array], Array]:
+    """The scaled residuals (n,) through the loss as a function of the free x (k,), near a start x."""
+    inputs = _inputs(problem, x, np.zeros(x.shape, dtype=bool), problem.observed, loss)
+    space, places = tuple((p.name, p.kind) for p in problem.parameters), np.array(_places(problem))
+
+    def residual(x: Array) -> Array:
+        return _residuals(problem.predict, space, loss.name, jnp.asarray(inputs.x).at[places].set(x), inputs)[0]
+
+    return residual
 
 
 def _outside(

@@ -77,16 +77,20 @@ class Parameter:
     def far(self, value: float) -> tuple[float, float]:
         """What data must tell a value apart from for it to count as identified.
 
-        Its two bounds; a tenth of it and tenfold, as measured from one bound; 0 and twofold without bounds.
+        Its two bounds; a tenth of it and tenfold (of the start, if that is more), as measured from one bound; 0 and
+        twofold (of the start, if that is more) without bounds.
         """
         if self.kind == "both":
             edge = 1e-3 * (self.high - self.low)
             return self.low + edge, self.high - edge
         if self.kind == "low":
-            return self.low + 0.1 * (value - self.low), self.low + 10.0 * (value - self.low)
+            part = value - self.low
+            return self.low + 0.1 * part, self.low + 10.0 * max(part, self.scale)
         if self.kind == "high":
-            return self.high - 10.0 * (self.high - value), self.high - 0.1 * (self.high - value)
-        return value - (abs(value) or self.scale), value + (abs(value) or self.scale)
+            part = self.high - value
+            return self.high - 10.0 * max(part, self.scale), self.high - 0.1 * part
+        part = max(abs(value), self.scale)
+        return value - part, value + part
 
 
 def values_at(x: Any, kinds: tuple[str, ...], low: Any, high: Any, scale: Any, xp: ModuleType = jnp) -> list[Any]:

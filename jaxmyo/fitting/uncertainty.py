@@ -48,10 +48,10 @@ def local(problem: Problem, found: Found, variance: float | None = None) -> Loca
     s2 = float(found.sum) / (problem.n - k) if variance is None else variance
     unit = units_of_x(problem, found.x)
     _, singular, rows = np.linalg.svd(found.jacobian * unit, full_matrices=False)
-    least = 1e-12 * max(float(singular[0]), np.finfo(float).tiny)
+    least = 1e-12 * max(float(singular[0]), 1e-100)
     spread = np.where(singular > least, np.sqrt(s2) / np.maximum(singular, least), np.inf)
     large = np.where(np.isfinite(spread), spread, 1e12)  # what is not determined at all
-    covariance = (unit * rows.T * large**2) @ (rows * unit)
+    covariance = (unit[:, None] * rows.T * large**2) @ (rows * unit)
     errors = np.sqrt(np.diagonal(covariance))
     outer = np.maximum(errors[:, None] * errors, np.finfo(float).tiny)
     correlation = np.clip(covariance / outer, -1.0, 1.0)
@@ -83,36 +83,66 @@ def threshold(problem: Problem, found: Found, level: float) -> float:
     return float(found.sum) * (1.0 + float(stats.f.ppf(level, 1, dof)) / dof)
 
 
-def profiled(problem: Problem, found: Found, loss: Loss, i: int, value: float) -> Found:
-    """The best fit with the i-th free parameter held at a value, from the estimate of the others."""
-    x, held = np.array(found.x), np.arange(len(found.x)) == i
-    x[i] = problem.fitted[i].x(value)
-    return solve(problem, x, loss, held=held)
+def profiled(problem: Problem, found: Found, loss: Loss, i: int, x: float) -> Found:
+    """The best fit with the i-th free variable held at x, from the estimate of the others.
+
+    Where a state is not found, the sum of squares is of the others and of what stands for it, far above.
+    """
+    at, held = np.array(found.x), np.arange(len(found.x)) == i
+    at[i] = x
+    return solve(problem, at, loss, held=held)
 
 
-def identifiable(
-    problem: Problem, found: Found, intervals: NDArray[np.float64], loss: Loss, level: float
-) -> list[bool]:
-    """Whether the data tell each parameter apart from both ends of `Parameter.far`.
+def intervals(
+    problem: Problem, found: Found, errors: NDArray[np.float64], loss: Loss, level: float
+) -> tuple[NDArray[np.float64], list[bool]]:
+    """Confidence intervals (k, 2) of the values, and whether the data tell each apart from both ends of `far`.
 
-    Where the interval from the Jacobian is far inside, they do. Else the parameter is held at the end and the others
-    are fitted again (profile likelihood, Raue et al. 2009): the end must be rejected at the level.
+    Where the interval from the Jacobian is far inside of `Parameter.far`, it is good enough. Else the parameter is
+    held at that end and the others are fitted again (profile likelihood, Raue et al. 2009): if the data reject the end
+    at the level, the interval ends where the profile crosses the threshold; if not, it ends at the bound, or at `far`,
+    and the parameter is not identifiable.
     """
     limit = threshold(problem, found, level)
-    estimates, told = values_of(problem, found.x), []
+    estimates, ends = values_of(problem, found.x), wald(problem, found.x, errors, level)
+    told = np.ones(ends.shape, dtype=bool)
     for i, p in enumerate(problem.fitted):
-        rejected = []
-        for end, far in zip(intervals[i], p.far(estimates[i]), strict=True):
-            near = abs(p.x(far) - found.x[i]) > 3.0 * abs(_x_inside(p, end) - found.x[i])
-            rejected.append(near or _rejected(problem, found, loss, i, far, limit))
-        told.append(all(rejected))
-    return told
+        for side, far in enumerate(p.far(estimates[i])):
+            reach = abs(_x_inside(p, ends[i, side]) - found.x[i])
+            if abs(p.x(far) - found.x[i]) > 3.0 * reach:
+                continue
+            beyond = (far - estimates[i]) * (1 if side else -1) <= 0.0  # the estimate has come to its bound
+            told[i, side] = not beyond and profiled(problem, found, loss, i, p.x(far)).sum > limit
+            if told[i, side]:
+                ends[i, side] = _crossing(problem, found, loss, i, p.x(far), limit)
+            else:
+                bound = (p.low, p.high)[side]
+                ends[i, side] = bound if np.isfinite(bound) else far
+    return ends, [bool(low and high) for low, high in told]
 
 
-def _rejected(problem: Problem, found: Found, loss: Loss, i: int, far: float, limit: float) -> bool:
-    there = profiled(problem, found, loss, i, far)
-    # Where a state is not found, the sum is of the others and of what stands for it, far above.
-    return float(there.sum) > limit
+def _crossing(problem: Problem, found: Found, loss: Loss, i: int, far: float, limit: float) -> float:
+    """The value between the estimate and a rejected x where the profile is at the limit, to a few percent of the way.
+
+    By secants of √(S − S0), a straight line where the profile is a parabola.
+    """
+    least = float(found.sum)
+    near, below = float(found.x[i]), 0.0
+    goal = np.sqrt(limit - least)
+    above = np.sqrt(float(profiled(problem, found, loss, i, far).sum) - least)
+    x = far
+    for _ in range(6):
+        x = near + (far - near) * float(np.clip((goal - below) / (above - below), 0.05, 0.95))
+        height = np.sqrt(max(float(profiled(problem, found, loss, i, x).sum) - least, 0.0))
+        if abs(height - goal) < 0.02 * goal:
+            break
+        if height < goal:
+            near, below = x, height
+        else:
+            far, above = x, height
+    at = np.array(found.x)
+    at[i] = x
+    return float(values_of(problem, at)[i])
 
 
 def _x_inside(p: Any, value: float) -> float:

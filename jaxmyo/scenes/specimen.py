@@ -37,7 +37,7 @@ def specimen(
     `load(A, Displacement("x1", "x", 2.0))`. A uniaxial test.
     grips "rakes": on each of the four sides `tines` hooks, each the nodes of one column of elements through the
     thickness, hold the tissue along the pull and let it slide along the side; the faces are "rake x0", "rake x1",
-    "rake y0", "rake y1": `load(A, Displacement("rake x1", "x", 1.0), Displacement("rake y1", "y", 1.0))`. A biaxial test.
+    "rake y0", "rake y1": `load(A, Displacement("rake x1", "x", 1.0), Displacement("rake y1", "y", 1.0))`: biaxial.
     The other arguments are those of `Scene`. ValueError for more tines than fit with an element between them.
     """
     counts = checks.counts("elements", elements, 3)
