@@ -72,7 +72,7 @@ def lin_yin(options: argparse.Namespace) -> Report:
         "all constants, no weave": fit(absent.fitting(*PASSIVE, *ACTIVE, "T0")),
         "all constants, T0 and a/D": fit(woven.fitting(*PASSIVE, *ACTIVE, "T0", "a_over_D")),
     }
-    rms = _unfitted_rms(data, absent)
+    rms = unfitted_rms(data, absent)
     whole = fits["all constants, T0 and a/D"]
     lines = [f"Lin & Yin 1998, Fig. 4. The set 'measured' with T0 = {T0_KPA} kPa, no weave, nothing fitted:"]
     lines += [f"  rms {value:.3f} kPa: {name}" for name, value in rms.items()]
@@ -117,7 +117,7 @@ def table1(options: argparse.Namespace) -> Report:
 _BRIEF = ("estimates", "rms", "identifiable", "standard_errors", "fixed", "undetermined", "aic", "bic", "rms_of")
 
 
-def _unfitted_rms(data: Data, problem: Problem) -> dict[str, float]:
+def unfitted_rms(data: Data, problem: Problem) -> dict[str, float]:
     """Of each protocol and direction [kPa], at the values of the problem."""
     off = unfitted(problem) - problem.observed
     row, what = columns_of(data)

@@ -141,12 +141,12 @@ def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, inputs: _
 
     method = _levenberg_marquardt()()
     end = optx.least_squares(residual, method, inputs.x, inputs, has_aux=True, max_steps=max_steps, throw=False)
-    last = end.state.f_info
+    last, predicted = end.state.f_info, end.state.aux  # both of the last step that was taken; end.aux is one older
     jacobian = last.jac.as_matrix()[:-k] * inputs.size
     r = last.residual[:-k] * inputs.size
-    found = jnp.all(jnp.isfinite(end.aux) | (inputs.weight == 0.0))
+    found = jnp.all(jnp.isfinite(predicted) | (inputs.weight == 0.0))
     converged = found & (end.result == optx.RESULTS.successful)
-    return Found(end.value, r, jacobian, end.aux, jnp.sum(r**2), converged, end.stats["num_steps"])
+    return Found(end.value, r, jacobian, predicted, jnp.sum(r**2), converged, end.stats["num_steps"])
 
 
 def _residuals(predict: Predict, space: _Space, loss: str, x: Array, inputs: _Inputs) -> tuple[Array, Array]:
