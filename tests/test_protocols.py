@@ -109,7 +109,10 @@ def test_shear_on_other_bodies() -> None:
         (lambda: protocols.simple_shear("f-f", 0.1), "mode = 'f-f' is unknown; valid: 'f-cf'"),
         (lambda: protocols.uniaxial("x", 1.1), "direction = 'x' is unknown; valid: 'f', 'cf', 'n'"),
         (lambda: ties.build(jm.box((1.0, 1.0, 1.0), (1, 1, 1)), (jm.Shear("x", "x", 0.1),)), "axis and to must differ"),
-        (lambda: ties.build(jm.box((1.0, 1.0, 1.0), (1, 1, 1)), (jm.Shear("x", "y", [0.1]),)), "must be a scalar"),
+        (
+            lambda: ties.build(jm.box((1.0, 1.0, 1.0), (1, 1, 1)), (jm.Shear("x", "y", np.array([0.1])),)),
+            "must be a scalar",
+        ),
         (lambda: ties.build(jm.radial_tube(1).mesh, (jm.Shear("r", "z", 0.1),)), "needs Cartesian coordinates"),
         (lambda: jm.specimen((8, 8, 1), grips="rakes", tines=5), "tines = 5 need 10 elements along each side"),
         (lambda: jm.specimen(grips="hooks"), "grips = 'hooks' is unknown"),  # type: ignore[arg-type]

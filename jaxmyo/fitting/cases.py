@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmyo import checks
 from jaxmyo.constants import LAND_PASSIVE, MEASURED, PRINTED
 from jaxmyo.data import Data, lin_yin_data, read_data
 from jaxmyo.energies import guccione
@@ -51,7 +52,7 @@ def of_file(options: argparse.Namespace) -> Report:
     problem = problem.starting_at(**{n: v for n, v in (free | fix).items() if v is not None})
     if fix:
         for name in fix:
-            problem[name]  # an error for a name that there is not
+            checks.choice("fix", name, [p.name for p in problem.parameters])
         problem = problem.fitting(*(n for n in problem.free if n not in fix))
     found = fit(problem, starts=options.starts or 1, seed=options.seed, loss=Loss(options.loss, options.loss_scale))
     title = f"{Path(options.data).name}, law {options.law}: {_brief(found)}"
