@@ -132,7 +132,7 @@ def _work(
     progress: bool,
 ) -> None:
     """Compute these chunks: a group of them at a time, one for each device, in as many threads as are of use."""
-    bar = _bar(len(todo) * chunk) if progress else None
+    bar = _bar(sum(min(chunk, size(design) - k * chunk) for k in todo)) if progress else None
     if not todo:
         return
     n, devices = size(design), jax.local_devices()

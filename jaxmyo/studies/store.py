@@ -82,9 +82,9 @@ def begin(folder: Path, manifest: dict[str, Any], axes: Arrays, writes: bool) ->
             beside.write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     while not path.exists():
         time.sleep(POLL)
-    if differences := list(_differences(read_manifest(folder), json.loads(json.dumps(manifest)))):
+    if lines := list(differences(read_manifest(folder), json.loads(json.dumps(manifest)))):
         raise ValueError(
-            f"out = {folder} has another study; it differs in:\n  " + "\n  ".join(differences) + "\n"
+            f"out = {folder} has another study; it differs in:\n  " + "\n  ".join(lines) + "\n"
             "Choose another folder, or repeat that study as it was begun."
         )
 
@@ -113,22 +113,22 @@ def read_axes(folder: Path) -> Arrays:
 
 def _arrays(path: Path) -> Arrays:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return dict(file)
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
     except (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile, zlib.error) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise ValueError(f"{path} is damaged ({error}); delete it, and it is computed again") from error
 
 
-def _differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
+def differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
     """What is not the same in two manifests, one line each."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in [*old, *(k for k in new if k not in old)]:
             if key not in old or key not in new:
                 yield f"{name}{key}: {'only there' if key in old else 'only here'}"
             else:
-                yield from _differences(old[key], new[key], f"{name}{key}, ")
+                yield from differences(old[key], new[key], f"{name}{key}, ")
     elif old != new:
         hashes = all(isinstance(x, str) and len(x) == 64 for x in (old, new))
         yield name.removesuffix(", ") + ("" if hashes else f": {_short(old)} there, {_short(new)} here")
