@@ -88,7 +88,7 @@ def plain(unit: str) -> str:
 def column(name: str, unit: str) -> str:
     """The name of a column of a CSV file: 'T0_kPa', 'beta'."""
     suffix = re.sub(r"[^A-Za-z0-9]+", "_", plain(unit).replace("/", " per ")).strip("_")
-    return name if suffix == "1" else f"{name}_{suffix}"
+    return name if suffix in ("", "1") else f"{name}_{suffix}"
 
 
 def is_finite(x: Array) -> Array:
