@@ -25,6 +25,10 @@ from jaxmyo.studies.store import Store
 #: Points that are solved together, if they are small, and the bytes that larger ones may take.
 CHUNK, MEMORY = 1024, 2**28
 
+#: A program runs in one thread, and as many at a time as there are cores: that is faster for many small operations than
+#: to split each, and two programs that share XLA's pool of threads can wait for each other for ever.
+ALONE: dict[str, str | bool] = {"xla_cpu_multi_thread_eigen": False}
+
 Arrays = dict[str, NDArray[Any]]
 Run = Callable[[Sequence[int]], list[Arrays]]
 
@@ -171,7 +175,8 @@ def _batched(evaluation: Evaluation, design: Design, chunk: int, devices: Sequen
             batch, mesh=Mesh(np.array(devices), ("devices",)), in_specs=along, out_specs=along, check_vma=False
         )
     shape = jax.ShapeDtypeStruct((width * chunk,), np.float64)
-    program = jax.jit(batch).lower(dict.fromkeys(evaluation.names, shape)).compile()
+    options = ALONE if devices[0].platform == "cpu" else None
+    program = jax.jit(batch).lower(dict.fromkeys(evaluation.names, shape)).compile(options)
 
     def run(ks: Sequence[int]) -> list[Arrays]:
         filled = [*ks, *[ks[-1]] * (width - len(ks))]
