@@ -70,8 +70,8 @@ def study(
     by = names if derivatives is True else () if derivatives is False else tuple(derivatives)
     evaluation = Evaluation(solve, names, outputs, by)
     every_unit = evaluation.units(units or {})
-    chunk = _chunk(chunk, evaluation)
     n = size(design)
+    chunk = _chunk(chunk, evaluation, n)
     rank, processes = jax.process_index(), jax.process_count()
     kept = None
     if out is not None:
@@ -211,7 +211,7 @@ def _one_by_one(evaluation: Evaluation, design: Design) -> Run:
     return run
 
 
-def _chunk(given: int | None, evaluation: Evaluation) -> int:
+def _chunk(given: int | None, evaluation: Evaluation, n: int) -> int:
     if given is not None and (isinstance(given, bool) or int(given) != given or given < 1):
         raise ValueError(f"chunk = {given} must be an integer ≥ 1, the points that are solved together")
     if evaluation.large:
@@ -221,7 +221,7 @@ def _chunk(given: int | None, evaluation: Evaluation) -> int:
     if given is not None:
         return int(given)
     of_one = 2**13 + 80 * evaluation.unknowns**2  # bytes: ten matrices of the dense Newton loop, and the rest
-    return min(CHUNK, 2 ** max(0, int(math.log2(MEMORY / of_one))))
+    return min(CHUNK, 2 ** max(0, int(math.log2(MEMORY / of_one))), 2 ** math.ceil(math.log2(n)))
 
 
 def _manifest(design: Design, evaluation: Evaluation, units: dict[str, str], chunk: int) -> dict[str, Any]:
