@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from importlib.metadata import version
 from pathlib import Path
+from threading import Semaphore
 from typing import Any
 
 import jax
@@ -145,14 +146,18 @@ def _work(
     run = _batched(evaluation, design, chunk, devices, options) if devices else _one_by_one(evaluation, design)
     workers = min(workers, math.ceil(len(todo) / width))
 
+    computing = Semaphore(workers)
+
     def group(ks: list[int]) -> None:
-        for k, arrays in zip(ks, run(ks), strict=True):
+        with computing:
+            found = run(ks)
+        for k, arrays in zip(ks, found, strict=True):
             real = min(chunk, n - k * chunk)
             put(k, {name: x[:real] for name, x in arrays.items()})
             if bar is not None:
                 bar.update(real)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers + 1) as pool:  # one writes while the others compute
         futures = [pool.submit(group, todo[i : i + width]) for i in range(0, len(todo), width)]
         try:
             done, _ = wait(futures, return_when=FIRST_EXCEPTION)
