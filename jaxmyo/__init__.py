@@ -41,6 +41,7 @@ from jaxmyo.scenes import (
 from jaxmyo.solve import contract, load
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
+from jaxmyo.studies import Sample, Study, load_study, saltelli_sample, sobol_sample, study
 
 __all__ = [
     "CARTESIAN",
@@ -63,6 +64,7 @@ __all__ = [
     "Planar",
     "Pressure",
     "Proportional",
+    "Sample",
     "Scene",
     "Settings",
     "SolveError",
@@ -70,6 +72,7 @@ __all__ = [
     "State",
     "Status",
     "Stretch",
+    "Study",
     "Symmetry",
     "Traction",
     "Uniform",
@@ -87,12 +90,16 @@ __all__ = [
     "lin_yin",
     "load",
     "load_state",
+    "load_study",
     "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
     "read_mesh",
+    "saltelli_sample",
     "save_state",
+    "sobol_sample",
     "structured",
+    "study",
     "thin_sample",
     "tube_sector",
     "ventricle_body",
