@@ -64,7 +64,7 @@ def _compiled(system: System, *path: Any, settings: Settings) -> tuple[Solution,
 def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     s, K = _followed(*primals, settings)
     system, d_system, d_end = primals[0], tangents[0], tangents[3]
-    regular = (s.status == Status.CONVERGED) & (s.zero == 0)
+    regular = (s.status == Status.CONVERGED) & (s.zero <= 0)  # −1: multigrid, which cannot tell
     if not checks.is_traced(regular) and s.status == Status.CONVERGED and not regular:
         raise SingularError(
             f"the state has no derivative: its tangent has {int(s.zero)} mode(s) without stiffness (zero_eigenvalues), "
