@@ -82,6 +82,8 @@ def _axis(option: str, name: str) -> Callable[[str], NDArray[np.float64]]:
                 values = np.linspace(start, stop, n)
         except (ValueError, TypeError):
             raise argparse.ArgumentTypeError(f"{text!r} is neither {RANGE} (as 0:0.25:6) nor a number") from None
+        if not np.isfinite(values).all():
+            raise argparse.ArgumentTypeError(f"{text!r} is not finite")
         if not values.size or (len(parts) > 1 and not start < stop):
             raise argparse.ArgumentTypeError(f"{text!r} must have START < STOP and N ≥ 1")
         return _checked(option, name, values)

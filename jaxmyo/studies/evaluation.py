@@ -17,10 +17,14 @@ from jaxmyo.solve import LARGE, contract
 from jaxmyo.state import State
 from jaxmyo.status import SingularError, SolveError, Status
 from jaxmyo.studies import quantities
-from jaxmyo.studies.identity import program_hash
+from jaxmyo.studies.identity import primitives, program_hash
 
 Solve = Scene | Callable[..., Any]
 Outputs = Sequence[str] | Mapping[str, str | Callable[[Any], Any]] | None
+
+#: Operations that JAX hands to LAPACK on a CPU.
+LAPACK = {"cholesky", "eig", "eigh", "geqrf", "hessenberg", "householder_product", "lu", "schur", "svd"}
+LAPACK |= {"triangular_solve", "tridiagonal", "tridiagonal_solve"}
 
 STATUS, DERIVATIVE_STATUS = "status", "derivative_status"
 
@@ -35,7 +39,7 @@ class Evaluation:
 
     names: the parameters; outputs: their names; scenes: those of the states that the function makes; unknowns: of the
     largest of these states; large: whether they are so large that they are solved by sparse factors, outside of JAX's
-    transformations; program: a hash of what is computed.
+    transformations; program: a hash of what is computed; lapack: whether it calls LAPACK.
     """
 
     def __init__(self, solve: Solve, names: Sequence[str], outputs: Outputs, derivatives: Sequence[str]) -> None:
@@ -57,6 +61,7 @@ class Evaluation:
             error.add_note("A study traces solve with JAX (jit and vmap): no Python decisions by values of parameters.")
             raise
         self.program = program_hash(program)
+        self.lapack = bool(primitives(program) & LAPACK)
         status = [STATUS, DERIVATIVE_STATUS] if self.by else [STATUS]
         self.shapes = {name: shapes[name] for name in (*self.outputs, *self.slopes, *status)}  # JAX sorts the names
 

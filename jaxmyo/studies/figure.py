@@ -29,7 +29,7 @@ def contours(path: Path, name: str, found: Study, stretch: tuple[float, float]) 
         dataset = {output: x[:, :, at] for output, x in dataset.items()}
     a_over_D, T0 = found.axes["a_over_D"], found.axes["T0"]
     figure, axes = style.figure(10.4, 6.6, 3, 2)
-    for k, (ax, (output, label)) in enumerate(zip(axes, PANELS.items(), strict=True)):
+    for ax, (output, label) in zip(axes, PANELS.items(), strict=True):
         values = np.ma.masked_invalid(dataset[output].T)
         ax.set_facecolor("0.8")
         if values.count():
@@ -41,8 +41,7 @@ def contours(path: Path, name: str, found: Study, stretch: tuple[float, float]) 
         if unstable.any():
             ax.contourf(a_over_D, T0, unstable, levels=[0.5, 1.5], colors="none", hatches=["//"])
         ax.set_title(label)
-        ax.set_xlabel("a/D [–]" if k >= 3 else None)
-        ax.set_ylabel("T0 [kPa]" if k % 3 == 0 else None)
+        ax.set(xlabel="a/D [–]", ylabel="T0 [kPa]")
     figure.suptitle(
         f"Thin sample, β = {beta:g}, constants: {name}; A: free contraction; C: stretches {stretch[0]:g} along the "
         f"fibres, {stretch[1]:g} across",

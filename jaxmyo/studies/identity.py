@@ -17,6 +17,27 @@ def program_hash(program: ClosedJaxpr) -> str:
     return _Hasher().closed(program)
 
 
+def primitives(program: ClosedJaxpr) -> set[str]:
+    """The names of all operations, also of programs inside of programs."""
+    names: set[str] = set()
+    known: dict[int, Jaxpr] = {}
+
+    def look(value: Any) -> None:
+        if isinstance(value, ClosedJaxpr):
+            value = value.jaxpr
+        if isinstance(value, tuple | list):
+            for v in value:
+                look(v)
+        elif isinstance(value, Jaxpr) and id(value) not in known:
+            known[id(value)] = value
+            for eqn in value.eqns:
+                names.add(eqn.primitive.name)
+                look(list(eqn.params.values()))
+
+    look(program)
+    return names
+
+
 class _Hasher:
     """Programs inside of programs are hashed once."""
 

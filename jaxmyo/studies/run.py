@@ -25,6 +25,9 @@ from jaxmyo.studies.store import Store
 #: Points that are solved together, if they are small, and the bytes that larger ones may take.
 CHUNK, MEMORY = 1024, 2**28
 
+#: Where several programs run at a time on a CPU, each runs in one thread: faster than to split many small operations.
+ALONE: dict[str, str | bool] = {"xla_cpu_multi_thread_eigen": False}
+
 Arrays = dict[str, NDArray[Any]]
 Run = Callable[[Sequence[int]], list[Arrays]]
 
@@ -135,12 +138,12 @@ def _work(
     bar = _bar(sum(min(chunk, size(design) - k * chunk) for k in todo)) if progress else None
     if not todo:
         return
-    n, devices = size(design), jax.local_devices()
-    width = 1 if evaluation.large else len(devices)
-    run = _one_by_one(evaluation, design) if evaluation.large else _batched(evaluation, design, chunk, devices)
-    # A device of a CPU runs one program per thread; any other has a queue, which a second thread keeps filled.
-    cores = (os.cpu_count() or 1) // width if devices[0].platform == "cpu" else 2
-    workers = 1 if evaluation.large else max(1, min(cores, math.ceil(len(todo) / width)))
+    n = size(design)
+    devices, workers = ([], 1) if evaluation.large else _share(jax.local_devices(), evaluation.lapack)
+    width = max(1, len(devices))
+    options = ALONE if width * workers > 1 and devices[0].platform == "cpu" else None
+    run = _batched(evaluation, design, chunk, devices, options) if devices else _one_by_one(evaluation, design)
+    workers = min(workers, math.ceil(len(todo) / width))
 
     def group(ks: list[int]) -> None:
         for k, arrays in zip(ks, run(ks), strict=True):
@@ -161,7 +164,24 @@ def _work(
                 bar.close()
 
 
-def _batched(evaluation: Evaluation, design: Design, chunk: int, devices: Sequence[Any]) -> Run:
+def _share(devices: list[Any], lapack: bool) -> tuple[list[Any], int]:
+    """The devices that work, and the number of programs that each has at a time.
+
+    On a CPU a program takes a thread of XLA's pool, which has one per core (or device). In jaxlib 0.10 a batched call
+    of LAPACK waits there for other threads, and if the whole pool waits, it does so for ever; so half stays free.
+    """
+    if devices[0].platform != "cpu":
+        return devices, 2  # the second keeps the queue filled
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    pool = max(cores, len(devices))
+    programs = max(1, pool // 2) if lapack else pool
+    working = devices[:programs]
+    return working, max(1, min(programs, cores) // len(working))
+
+
+def _batched(
+    evaluation: Evaluation, design: Design, chunk: int, devices: Sequence[Any], options: dict[str, str | bool] | None
+) -> Run:
     """Chunks as one compiled program, one chunk on each device; a chunk's numbers do not depend on where it runs."""
     n, width = size(design), len(devices)
     batch: Any = jax.vmap(evaluation)
@@ -171,7 +191,7 @@ def _batched(evaluation: Evaluation, design: Design, chunk: int, devices: Sequen
             batch, mesh=Mesh(np.array(devices), ("devices",)), in_specs=along, out_specs=along, check_vma=False
         )
     shape = jax.ShapeDtypeStruct((width * chunk,), np.float64)
-    program = jax.jit(batch).lower(dict.fromkeys(evaluation.names, shape)).compile()
+    program = jax.jit(batch).lower(dict.fromkeys(evaluation.names, shape)).compile(options)
 
     def run(ks: Sequence[int]) -> list[Arrays]:
         filled = [*ks, *[ks[-1]] * (width - len(ks))]
