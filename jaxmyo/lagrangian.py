@@ -231,11 +231,15 @@ def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, mat
 
     State A has the weave with its multiplier q; state C has the tensions that it left.
     """
+    if len(system.kinds) == 1:
+        return _of_kind(system, system.kinds[0], c, frame, T_f, T_cf, inputs.constants[0], inputs)
+    # A law is asked at rest where it does not hold: there it may overflow, and 0 · ∞ come back in a derivative.
+    rest = c.at[:6].set(jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     of_kinds = [
-        _of_kind(system, kind, c, frame, T_f, T_cf, constants, inputs)
-        for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+        _of_kind(system, kind, jnp.where(material == k, c, rest), frame, T_f, T_cf, constants, inputs)
+        for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True))
     ]
-    return of_kinds[0] if len(of_kinds) == 1 else jnp.stack(of_kinds)[material]
+    return jnp.stack(of_kinds)[material]
 
 
 def _of_kind(

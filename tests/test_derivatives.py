@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import jaxmyo as jm
+from jaxmyo import lagrangian, outputs
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
+from jaxmyo.solve import contraction
 from jaxmyo.status import SingularError
 
 Inputs = dict[str, Any]
@@ -371,3 +373,29 @@ def test_through_a_cycle() -> None:
     for name in x:
         found = difference(lambda h, name=name: radius(x | {name: x[name] + h}))
         np.testing.assert_allclose(gradient[name], found, rtol=1e-7)
+
+
+def test_a_law_that_overflows_elsewhere() -> None:
+    """In the elements of another material a law may be infinite; derivatives there are those of their own law."""
+
+    def hard(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
+        return constants["a"] * (jnp.exp(constants["b"] * (I1(C) - 3.0) ** 2) - 1.0)
+
+    mesh = jm.box((2.0, 1.0, 1.0), (2, 1, 1))
+    mesh = jm.Mesh(mesh.points, mesh.cells, mesh.faces, regions={"soft": np.array([0]), "scar": np.array([1])})
+    held = tuple(jm.Symmetry(axis) for axis in "xyz")
+    scar = {"scar": jm.Material(hard, {"a": 1.0, "b": 1e3})}
+    scene = jm.Scene(mesh, own_law, {"mu": 3.0, "k": 2.0}, supports=held, regions=scar)
+    system, at, _ = contraction(scene, 0.0, None, 0.0, None, None)
+    u = 2.0 * np.eye(3)[:1] * (mesh.points[:, :1] > 0.5)  # the scar moves as a whole
+
+    @jax.jit
+    def work(constants: Any) -> Any:
+        inputs = at._replace(constants=constants, offset=jnp.asarray(u.reshape(-1)))
+        r = lagrangian.residual(system, jnp.zeros(system.size), inputs)
+        stored = outputs.stored_energy(system, lagrangian.deformation_gradients(system, jnp.asarray(u)), inputs)
+        return jnp.sum(r) + stored
+
+    by_soft, by_hard = jax.grad(work)(at.constants)
+    assert jnp.isfinite(jnp.array([*by_soft.values(), *by_hard.values()])).all()
+    assert by_soft["k"] != 0.0
