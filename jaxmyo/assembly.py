@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,7 @@ FLIGHT = 4  # chunks that are computed ahead
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Found = TypeVar("Found")
 
 _I, _J = np.triu_indices(24)
 _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
@@ -73,7 +74,7 @@ class Pattern:
     indptr: Ints
     indices: NDArray[np.int32]
     keys: Ints
-    positions: Ints
+    positions: NDArray[np.int32]
     twice: Ints
 
     @property
@@ -108,14 +109,25 @@ class Pattern:
         np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
 
 
-def upper_triangles(K: Floats) -> Floats:
-    """The upper triangles (n, 300) of matrices (n, 24, 24), rows first."""
-    return K[:, _I, _J]
+def same_components() -> tuple[Ints, Ints, Ints, Ints]:
+    """Where an upper triangle (300,) couples one component i at two nodes a and b: positions, i, a and b."""
+    upper = np.flatnonzero(_I % 3 == _J % 3)
+    return upper, _I[upper] % 3, _I[upper] // 3, _J[upper] // 3
 
 
 def upper_diagonals(K: Floats) -> Floats:
     """The diagonals (n, 24) of matrices whose upper triangles (n, 300) are given."""
     return K[:, _I == _J]
+
+
+def distinct(keys: Ints) -> tuple[Ints, NDArray[np.int32]]:
+    """The distinct keys (n,), sorted, and which of them each is: `np.unique` by a sort twice as fast."""
+    order = np.argsort(keys)
+    ordered = keys[order]
+    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    which = np.empty(len(keys), dtype=np.int32)
+    which[order] = np.cumsum(first, dtype=np.int32) - 1
+    return ordered[first], which
 
 
 def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
@@ -124,7 +136,7 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     a, b = np.triu_indices(8)
     low, high = np.minimum(cells[:, a], cells[:, b]), np.maximum(cells[:, a], cells[:, b])
     n_nodes = len(tie_index) // 3
-    pairs, pair_of = np.unique((low * n_nodes + high).reshape(-1), return_inverse=True)
+    pairs, pair_of = distinct((low * n_nodes + high).reshape(-1))
     first, second = np.divmod(pairs, n_nodes)
     rows = np.broadcast_to((3 * first)[:, None, None] + np.arange(3)[:, None], (len(pairs), 3, 3)).reshape(-1)
     columns = np.broadcast_to((3 * second)[:, None, None] + np.arange(3), (len(pairs), 3, 3)).reshape(-1)
@@ -133,18 +145,23 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     keys = np.where(moves, np.minimum(i, j) * n_u + np.maximum(i, j), n_u * n_u)
     further = [sp.triu(p.T @ p).tocoo() for p in patches]
     every = np.concatenate([keys, *(f.row.astype(np.int64) * n_u + f.col for f in further)])
-    found, at = np.unique(every, return_inverse=True)
+    found, at = distinct(every)
     if len(found) and found[-1] == n_u * n_u:
         found = found[:-1]
-    at = at[: len(keys)].reshape(len(pairs), 3, 3)
-    # Position of the pair of displacements (node a, component i; node b, component j) of each element.
+    at = at[: len(keys)]
+    # Position of the pair of displacements (node a, component i; node b, component j) of each element, by the place of
+    # the pair of nodes and of the pair of components in it, which is transposed where the second node comes first.
     number = np.zeros((8, 8), dtype=np.int64)
     number[a, b] = number[b, a] = np.arange(len(a))
-    block = at[pair_of.reshape(len(cells), -1)]  # (n_elements, 36, 3, 3)
-    swapped = cells[:, a] > cells[:, b]
-    block[swapped] = block[swapped].swapaxes(-1, -2)
-    flat = 9 * number[_I // 3, _J // 3] + 3 * (_I % 3) + _J % 3
-    positions = np.ascontiguousarray(block.reshape(len(cells), -1)[:, flat])
+    number = number[_I // 3, _J // 3]
+    within = np.stack([3 * (_I % 3) + _J % 3, 3 * (_J % 3) + _I % 3]).astype(np.int32)
+    pair = (9 * pair_of).reshape(len(cells), -1)
+    swapped = (cells[:, a] > cells[:, b]).astype(np.int8)
+    positions = np.empty((len(cells), len(_I)), dtype=np.int32)
+    for i in range(0, len(cells), CHUNK):
+        part = slice(i, i + CHUNK)
+        where = pair[part][:, number] + np.where(swapped[part][:, number], within[1], within[0])
+        np.take(at, where, out=positions[part])
     twice = np.zeros(0, dtype=np.int64)
     if np.count_nonzero(tie_scale) > n_u:  # some unknowns move several nodal displacements
         same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
@@ -202,21 +219,27 @@ def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: A
 
 
 @jax.jit
-def _rate(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
-    """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
+def _forces(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any, Any]:
+    """The first derivatives of a chunk alone, their change with u and the inputs, and the smallest det F.
 
-    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> tuple[Array, Array]:
+    Forces (n_elements, 24) and constraints (n_elements, multipliers); for the changes du, by_t: the same again.
+    """
+    c = system.coordinates
+
+    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Any:
         at = (e.dN, e.weight, e.frame, e.theta, e.inverse_g, e.material)
         forces, by_m = lagrangian.element_forces(system, nodes, *at, m, T_f, T_cf, inputs)
-        return e.scale * forces.reshape(24), by_m
+        y = jax.vmap(partial(lagrangian.variables, c, nodes))(e.dN, system.N, e.theta, e.inverse_g)
+        least_J = jnp.min(jax.vmap(partial(lagrangian.volume_ratio, c))(y))
+        return (e.scale * forces.reshape(24), by_m), least_J
 
-    def block(at: tuple[Any, ...]) -> tuple[Array, Array]:
+    def block(at: tuple[Any, ...]) -> tuple[Any, Any, Any]:
         e, m, T, dT = at
 
-        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> tuple[Array, Array]:
+        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> Any:
             return jax.vmap(element, in_axes=(0, 0, 0, 0, 0, None))(e, u[e.cells], m, *T, inputs)
 
-        return jax.jvp(of, (u, T, inputs), (du, dT, by_t))[1]
+        return jax.jvp(of, (u, T, inputs), (du, dT, by_t), has_aux=True)
 
     return _in_blocks(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
 
@@ -229,11 +252,13 @@ def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tupl
 
 
 @jax.jit
-def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
+def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
+    """`_load_forces`, and their change with u and the inputs."""
+
     def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
         return _load_forces(system, u, pressures, inputs)
 
-    return jax.jvp(of, (u, inputs), (du, by_t))[1]
+    return jax.jvp(of, (u, inputs), (du, by_t))
 
 
 @jax.jit
@@ -264,6 +289,7 @@ class Assembly:
         self._elements = [
             Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self.chunks
         ]
+        self._first: Future[Any] | None = None  # the first call of `_forces`
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
         own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
@@ -283,6 +309,17 @@ class Assembly:
         cut = inputs._replace(T_f=tensions[0], T_cf=tensions[1], offset=none)
         return cut._replace(loads={}, volumes=none, imbalance=none)
 
+    def _each(self, compute: Callable[[Ints, Elements], Found], chunks: int | None = None) -> Iterator[tuple[Ints, Found]]:
+        """(elements, what is computed of them) of all chunks, or of the first ones; some are computed ahead."""
+        ahead: list[tuple[Ints, Future[Found]]] = []
+        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
+            ahead.append((ids, _THREADS.submit(compute, ids, e)))
+            if len(ahead) > FLIGHT:
+                ids, future = ahead.pop(0)
+                yield ids, future.result()
+        for ids, future in ahead:
+            yield ids, future.result()
+
     def terms(
         self,
         u: Floats,
@@ -292,42 +329,54 @@ class Assembly:
         inside: tuple[bool, ...],
         chunks: int | None = None,
     ) -> Iterator[tuple[Ints, Terms]]:
-        """(elements, their terms) of all chunks, or of the first ones; some are computed ahead."""
+        """(elements, their terms) of all chunks, or of the first ones."""
 
         def compute(ids: Ints, e: Elements) -> Terms:
             m = z[self.local[self._padded(ids)]]
             found = _terms(self._shared, e, u, m, self._cut(inputs, ids), np.float64(gamma), inside)
             return Terms(*(np.asarray(x)[: len(ids)] for x in found))
 
-        ahead: list[tuple[Ints, Future[Terms]]] = []
-        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
-            ahead.append((ids, _THREADS.submit(compute, ids, e)))
-            if len(ahead) > FLIGHT:
-                ids, future = ahead.pop(0)
-                yield ids, future.result()
-        for ids, future in ahead:
-            yield ids, future.result()
+        return self._each(compute, chunks)
 
     def add_to(self, r: Floats, ids: Ints, r_u: Any, r_m: Any) -> None:
         """Add the forces (n, 24) and the constraints (n, multipliers) of elements `ids` to the residual (n,)."""
         r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
         r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
 
-    def rates(self, u: Floats, du: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
-        """The change (n,) of the residual with the inputs, loads included."""
-        r = -np.asarray(by_t.imbalance)
-        for ids, e in zip(self.chunks, self._elements, strict=True):
-            m = z[self.local[self._padded(ids)]]
-            cut = self._cut(inputs, ids), self._cut(by_t, ids)
-            r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))
-            self.add_to(r, ids, r_u, r_m)
+    def compile_forces(self, u: Floats, z: Floats, inputs: Inputs) -> None:
+        """Compile what `forces` needs, while other programs are compiled: it takes seconds, and one core."""
+        if self._first is None:
+            none = jax.tree.map(np.zeros_like, inputs)
+            args = (self.chunks[0], self._elements[0], u, z, inputs, np.zeros_like(u), none)
+            self._first = _THREADS.submit(self._forces_of, *args)
+
+    def _forces_of(
+        self, ids: Ints, e: Elements, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs
+    ) -> tuple[Any, Any, Any]:
+        m = z[self.local[self._padded(ids)]]
+        found = _forces(self._shared, e, u, du, m, self._cut(inputs, ids), self._cut(by_t, ids))
+        return jax.tree.map(lambda x: np.asarray(x)[: len(ids)], found)
+
+    def forces(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> tuple[Floats, Floats, float]:
+        """The residual (n,), its change with the displacements and the inputs, and the smallest det F."""
+
+        def compute(ids: Ints, e: Elements) -> Any:
+            return self._forces_of(ids, e, u, z, inputs, du, by_t)
+
+        if self._first is not None:
+            self._first.result()  # what is compiled is not compiled twice
+        r, dr, least_J = -np.array(inputs.imbalance), -np.array(by_t.imbalance), np.inf
+        for ids, (at, change, J) in self._each(compute):
+            self.add_to(r, ids, *at)
+            self.add_to(dr, ids, *change)
+            least_J = min(least_J, float(J.min()))
         if self.loaded:
             cut = self._of_loads(inputs), self._of_loads(by_t)
-            pressures = self.system.pressures(z)
-            forces, volumes = (np.asarray(x) for x in _load_rates(self._loads, u, du, pressures, *cut))
-            r += np.bincount(self.tie_index, -self.tie_scale * forces.ravel(), len(r))
-            r[len(r) - len(volumes) :] += np.asarray(by_t.volumes) - volumes
-        return r
+            loads, by_loads = _load_rates(self._loads, u, du, self.system.pressures(z), *cut)
+            for to, (forces, volumes), wanted in ((r, loads, inputs), (dr, by_loads, by_t)):
+                to += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(to))
+                to[len(to) - len(volumes) :] += np.asarray(wanted.volumes) - np.asarray(volumes)
+        return r, dr, least_J
 
     @property
     def loaded(self) -> bool:
