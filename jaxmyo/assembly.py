@@ -309,7 +309,9 @@ class Assembly:
         cut = inputs._replace(T_f=tensions[0], T_cf=tensions[1], offset=none)
         return cut._replace(loads={}, volumes=none, imbalance=none)
 
-    def _each(self, compute: Callable[[Ints, Elements], Found], chunks: int | None = None) -> Iterator[tuple[Ints, Found]]:
+    def _each(
+        self, compute: Callable[[Ints, Elements], Found], chunks: int | None = None
+    ) -> Iterator[tuple[Ints, Found]]:
         """(elements, what is computed of them) of all chunks, or of the first ones; some are computed ahead."""
         ahead: list[tuple[Ints, Future[Found]]] = []
         for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):

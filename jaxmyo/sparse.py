@@ -100,7 +100,9 @@ class Sparse:
         self._compared: Tangent | None = None
         self._apart = np.inf
         self._known: tuple[Floats, Inputs, At] | None = None  # a path often begins where the last one ended
-        self._counts = dict.fromkeys(("assemblies", "residuals", "factorisations", "inner solves", "inner iterations"), 0)
+        self._counts = dict.fromkeys(
+            ("assemblies", "residuals", "factorisations", "inner solves", "inner iterations"), 0
+        )
         self._seconds = dict.fromkeys(("assembly", "factorisation", "inner solves"), 0.0)
 
     @classmethod

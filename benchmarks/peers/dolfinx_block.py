@@ -1,4 +1,6 @@
-"""The block of `benchmarks/block.py` by DOLFINx with MUMPS; prints one line of JSON. For DOLFINx 0.5 (Debian 12) to 0.9.
+"""The block of `benchmarks/block.py` by DOLFINx with MUMPS; prints one line of JSON. It needs DOLFINx 0.5 to 0.9.
+
+Run with 0.5.2, PETSc 3.18.5 and MUMPS 5.5.1 of Debian 12, with OpenBLAS; names that have changed since are looked up.
 
 Q1–DG0, exactly incompressible by −½ p (J² − 1), 2×2×2 Gauss points: jaxmyo's discrete problem. Newton's method with
 full steps on the block system, and LU by MUMPS, in one process; forms, pattern and ordering are kept for all steps of a
@@ -7,7 +9,6 @@ solve. The first solve compiles the forms (their cache is a temporary folder).
 
 import argparse
 import json
-import os
 import resource
 import sys
 import tempfile
@@ -94,6 +95,8 @@ def solve(mesh, cache):
     for each in (solver, A, x, correction, b):
         each.destroy()
     return u, forces, iteration
+
+
 def peak_GB():
     """The most memory that this process has held [GB]."""
     try:  # that of the parent counts in `getrusage` where a process starts as a copy of it
