@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from jaxmyo import checks
-from jaxmyo.assembly import Pattern
+from jaxmyo.pattern import Pattern
 
 Floats = NDArray[np.float64]
 

@@ -24,10 +24,11 @@ from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
 from jaxmyo import checks, factor, lagrangian, linear
-from jaxmyo.assembly import Assembly, distinct, same_components, upper_diagonals
+from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
+from jaxmyo.pattern import distinct, same_components, upper_diagonals
 from jaxmyo.ties import rigid_unknowns
 
 EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]
@@ -185,7 +186,7 @@ class Sparse:
         K = self.at(z, inputs).K
         if not np.array_equal(K.z, z):
             self._known = (z, inputs, self._linearised(z, inputs))
-        return self._known[2].K  # type: ignore[index, no-any-return]
+        return self._known[2].K  # type: ignore[index]
 
     def _linearised(self, z: Floats, inputs: Inputs) -> At:
         self._counts["assemblies"] += 1
