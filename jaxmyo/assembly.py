@@ -3,7 +3,9 @@
 The pattern is found once. JAX computes the element terms of a chunk while NumPy adds those of the one before.
 """
 
+import ctypes
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -160,6 +162,18 @@ def _load_terms(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple
     return _load_forces(system, u, pressures, inputs), tangents, [one.reshape(-1, 12) for one in ones]
 
 
+def _programs() -> int:
+    """How many programs for elements are compiled."""
+    return int(_terms._cache_size() + _forces._cache_size())  # type: ignore[attr-defined]
+
+
+def _give_back() -> None:
+    """Give memory that is free back to the system: of what the compiler used, glibc would keep 0.2 GB."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
+
+
 class Assembly:
     """The elements of a system in chunks, and the pattern that their terms go to."""
 
@@ -178,7 +192,6 @@ class Assembly:
         self._elements = [
             Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self.chunks
         ]
-        self._first: Future[Any] | None = None  # the first call of `_forces`
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
         own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
@@ -234,12 +247,16 @@ class Assembly:
         r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
         r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
 
-    def compile_forces(self, u: Floats, z: Floats, inputs: Inputs) -> None:
-        """Compile what `forces` needs, while other programs are compiled: it takes seconds, and one core."""
-        if self._first is None:
-            none = jax.tree.map(np.zeros_like, inputs)
-            args = (self.chunks[0], self._elements[0], u, z, inputs, np.zeros_like(u), none)
-            self._first = _THREADS.submit(self._forces_of, *args)
+    def first(self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]) -> tuple[Ints, Terms]:
+        """(elements, their terms) of the first chunk. What `forces` needs is compiled beside: each takes seconds."""
+        known, none = _programs(), jax.tree.map(np.zeros_like, inputs)
+        args = (self.chunks[0], self._elements[0], u, z, inputs, np.zeros_like(u), none)
+        forces = _THREADS.submit(self._forces_of, *args)
+        found = next(self.terms(u, z, inputs, gamma, inside, chunks=1))
+        forces.result()
+        if _programs() != known:
+            _give_back()
+        return found
 
     def _forces_of(
         self, ids: Ints, e: Elements, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs
@@ -254,8 +271,6 @@ class Assembly:
         def compute(ids: Ints, e: Elements) -> Any:
             return self._forces_of(ids, e, u, z, inputs, du, by_t)
 
-        if self._first is not None:
-            self._first.result()  # what is compiled is not compiled twice
         r, dr, least_J = -np.array(inputs.imbalance), -np.array(by_t.imbalance), np.inf
         for ids, (at, change, J) in self._each(compute):
             self.add_to(r, ids, *at)

@@ -213,8 +213,7 @@ class Sparse:
         s, a, n_u = self.system, self.assembly, self.system.n_u
         u = self._displacements(z, inputs)
         if not self._stiffness:
-            a.compile_forces(u, z, inputs)
-            ids, t = next(a.terms(u, z, inputs, 1e-30, self._inside, chunks=1))
+            ids, t = a.first(u, z, inputs, 1e-30, self._inside)
             diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t.K).ravel(), n_u)
             self._stiffness = float(linear.stiffness(np, self.scale, diagonal))
         r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
