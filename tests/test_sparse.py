@@ -69,7 +69,7 @@ CASES: dict[str, Callable[[], list[jm.State]]] = {
 def solver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """All that solve with a sparse matrix, in turn."""
     if request.param == "SuperLU":
-        monkeypatch.setattr(factor, "solver", lambda pattern, like, motions: factor._SuperLU(pattern))
+        monkeypatch.setattr(factor, "chosen", lambda n_u: factor._SuperLU)
     elif request.param == "multigrid":
         pytest.importorskip("pyamg")
         monkeypatch.setattr(factor, "HUGE", 0)
