@@ -1,12 +1,12 @@
 """The linearised system of a small body: dense matrices, all inside JAX. `jaxmyo.sparse` is its like for large ones."""
 
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 from jax import Array
 
 from jaxmyo import checks, lagrangian
@@ -114,20 +114,27 @@ def strain_rate(system: System, z: Array, inputs: Inputs, rate: Array, by_t: Inp
 
 
 class Factors(NamedTuple):
-    """LU factors of K + μ·metric."""
+    """LU factors of K + μ·metric, and the sign of its determinant, ±1 (or 0).
+
+    The sign flips where an odd number of modes gain or lose stability.
+    """
 
     lu: Array
-    pivots: Array
+    permutation: Array
+    sign: Array
+
+    @classmethod
+    def of(cls, K: Array) -> "Factors":
+        """By LAPACK or its like."""
+        lu, pivots, permutation = jax.lax.linalg.lu(K)
+        swaps = jnp.sum(pivots != jnp.arange(len(K), dtype=pivots.dtype))
+        return cls(lu, permutation, jnp.prod(jnp.sign(jnp.diagonal(lu))) * jnp.where(swaps % 2 == 0, 1.0, -1.0))
 
     def solve(self, b: Array, accuracy: Any, guess: Array | None = None) -> Array:
         """The solution x of (K + μ·metric) x = b; direct, whatever the accuracy asked for."""
-        return jsl.lu_solve((self.lu, self.pivots), b)
-
-    @property
-    def sign(self) -> Array:
-        """The sign of the determinant, ±1: it flips where an odd number of modes gain or lose stability."""
-        swaps = jnp.sum(self.pivots != jnp.arange(len(self.pivots), dtype=self.pivots.dtype))
-        return jnp.prod(jnp.sign(jnp.diagonal(self.lu))) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
+        triangular = partial(jax.lax.linalg.triangular_solve, self.lu, left_side=True)
+        forward = triangular(b[self.permutation][:, None], lower=True, unit_diagonal=True)
+        return triangular(forward, lower=False)[:, 0]
 
 
 @jax.tree_util.register_dataclass
@@ -167,13 +174,13 @@ class Dense:
 
     def factorise(self, at: At, mu: Array, last: Array) -> Factors:
         """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
-        return Factors(*jsl.lu_factor(at.K + mu * self.metric))
+        return Factors.of(at.K + mu * self.metric)
 
     def nothing(self) -> tuple[Array, Factors]:
         """A tangent and factors to begin a loop with."""
         n = self.system.size
         none = jnp.zeros((n, n))
-        return none, Factors(none, jnp.zeros(n, dtype="int32"))
+        return none, Factors(none, jnp.zeros(n, dtype="int32"), jnp.zeros(()))
 
     def strain_of(self, dz: Array) -> tuple[Array, Array]:
         """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
