@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import checks, lagrangian
+from jaxmyo import checks, lagrangian, tiny
 from jaxmyo.lagrangian import Inputs, System
 
 EPS = 2.2e-16  # float64
@@ -172,21 +172,28 @@ class Dense:
         at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], jnp.min(J), K)
         return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
 
-    def factorise(self, at: At, mu: Array, last: Array) -> Factors:
+    def factorise(self, at: At, mu: Array, last: Array) -> Factors | tiny.Inverse:
         """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
-        return Factors.of(at.K + mu * self.metric)
+        matrix = at.K + mu * self.metric
+        return tiny.invert(matrix) if self._is_tiny else Factors.of(matrix)
 
-    def nothing(self) -> tuple[Array, Factors]:
+    def nothing(self) -> tuple[Array, Factors | tiny.Inverse]:
         """A tangent and factors to begin a loop with."""
         n = self.system.size
         none = jnp.zeros((n, n))
+        if self._is_tiny:
+            return none, tiny.Inverse(none, jnp.zeros(()))
         return none, Factors(none, jnp.zeros(n, dtype="int32"), jnp.zeros(()))
+
+    @property
+    def _is_tiny(self) -> bool:
+        return self.system.size <= tiny.ROWS
 
     def strain_of(self, dz: Array) -> tuple[Array, Array]:
         """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
         return strain_of(self.system, dz)
 
-    def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors) -> tuple[Array, Array]:
+    def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors | tiny.Inverse) -> tuple[Array, Array]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
         _, change = jax.jvp(lambda inputs: lagrangian.residual(self.system, z, inputs), (inputs,), (by_t,))
         rate = -factors.solve(change, None)
@@ -208,9 +215,14 @@ class Dense:
             return jnp.array(0), jnp.array(size)
         root = jnp.sqrt(self.scale.volume)
         s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
-        eigenvalues = jnp.linalg.eigvalsh(s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :])
-        zero = jnp.abs(eigenvalues) <= 1e-12 * size
-        return jnp.sum(~zero & (eigenvalues < 0.0)) - (size - n_u), jnp.sum(zero)
+        matrix = s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :]
+        limits = 1e-12 * size * jnp.array([-1.0, 1.0])
+        if self._is_tiny:
+            negative, not_positive = tiny.eigenvalues_below(matrix, limits)
+        else:
+            eigenvalues = jnp.linalg.eigvalsh(matrix)
+            negative, not_positive = jnp.sum(eigenvalues[None] < limits[:, None], axis=1)
+        return negative - (size - n_u), not_positive - negative
 
 
 @jax.jit
