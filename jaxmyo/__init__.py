@@ -44,6 +44,7 @@ from jaxmyo.scenes import (
 from jaxmyo.solve import contract, load
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
+from jaxmyo.studies import Sample, Study, load_study, saltelli_sample, sobol_sample, study
 
 __all__ = [
     "CARTESIAN",
@@ -67,6 +68,7 @@ __all__ = [
     "Planar",
     "Pressure",
     "Proportional",
+    "Sample",
     "Scene",
     "Settings",
     "Shear",
@@ -75,6 +77,7 @@ __all__ = [
     "State",
     "Status",
     "Stretch",
+    "Study",
     "Symmetry",
     "Traction",
     "Uniform",
@@ -93,14 +96,18 @@ __all__ = [
     "lin_yin_data",
     "load",
     "load_state",
+    "load_study",
     "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
     "read_data",
     "read_mesh",
+    "saltelli_sample",
     "save_state",
+    "sobol_sample",
     "specimen",
     "structured",
+    "study",
     "thin_sample",
     "tube_sector",
     "ventricle_body",

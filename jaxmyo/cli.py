@@ -14,39 +14,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     started = time.perf_counter()
     options = _parser().parse_args(argv)
     use_compilation_cache()
-    if hasattr(options, "run"):
-        return int(options.run(options, started))
-    from jaxmyo.paper import command
-
-    return command.run(options.out, options.set, options.json, started)
+    return int(options.run(options, started))
 
 
 def _parser() -> argparse.ArgumentParser:
-    from jaxmyo.constants import SETS
     from jaxmyo.fitting import arguments as fit
+    from jaxmyo.paper import arguments as paper
+    from jaxmyo.studies import arguments as study
 
     parser = argparse.ArgumentParser(
         prog="jaxmyo", description="Large deformation of living soft tissue by mixed finite elements on JAX."
     )
     parser.add_argument("--version", action="version", version=f"jaxmyo {version('jaxmyo')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    paper = commands.add_parser(
-        "paper",
-        help="recompute the paper's results and compare them with what it prints",
-        description="Recompute the results of the paper: of the thin sample Table 1, the free contraction and the "
-        "uniaxial tests, of the active tube its cycle and how far it is from the exact solution. Print Table 1 beside "
-        "the printed values; write CSV files, states of the tube for ParaView (.vtu), figures, and report.html, which "
-        "shows it all and holds every statement of the paper against what comes out.",
-    )
-    paper.add_argument("--out", type=Path, default=Path("paper-out"), metavar="DIR", help="default: %(default)s")
-    paper.add_argument(
-        "--set",
-        choices=list(SETS),
-        help="one set of material constants for the table, the figures and the tube (default: Table 1 with all three, "
-        "everything else with table1)",
-    )
-    paper.add_argument("--json", action="store_true", help="one JSON object on stdout instead of the table")
-    fit.add(commands)
+    for command in (paper, study, fit):  # each adds one, with the function that runs it
+        command.add(commands)
     return parser
 
 

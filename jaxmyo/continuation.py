@@ -72,8 +72,8 @@ def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
 
 def follow(
     lin: Linear, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
-) -> Solution:
-    """Follow the equilibrium from z at the inputs `start` to the inputs `end`.
+) -> tuple[Solution, Any]:
+    """Follow the equilibrium from z at the inputs `start` to the inputs `end`: the solution, and the tangent there.
 
     `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
     rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
@@ -181,7 +181,7 @@ def follow(
     negative, zeros = lin.inertia(last.at, last.z)
     over = Status.TIME_LIMIT if not traced and watch.is_over else last.reason
     status = xp.where(last.t >= 1.0, Status.CONVERGED, over)
-    return Solution(
+    solution = Solution(
         z=last.z,
         inputs=between(xp, start, end, reached),
         reached=reached,
@@ -197,3 +197,4 @@ def follow(
         zero=xp.where(valid, zeros, -1),
         work=lin.work,
     )
+    return solution, last.at.K

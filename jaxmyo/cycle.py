@@ -57,7 +57,7 @@ def cycle(
     times = checks.concrete("s", s, (None,))
     if not times.size:
         raise ValueError("s is empty: a cycle needs at least one time")
-    betas = np.array([checks.number(f"beta({t:g})", beta(float(t)), "beta") for t in times])
+    betas = _stack(*(checks.scalar(f"beta({t:g})", beta(float(t)), "beta") for t in times))
     every = [tuple(loads(float(t))) for t in times]
     for t, conditions in zip(times, every, strict=True):
         if not checks.same_structure(conditions, every[0]):
@@ -65,7 +65,7 @@ def cycle(
         for c in conditions:
             if not isinstance(c, Condition):
                 raise TypeError(f"loads({t:g}) must be conditions as `load` is given; got {c!r}")
-    stacked = jax.tree.map(lambda *x: np.stack([np.asarray(v, dtype=np.float64) for v in x]), *every)
+    stacked = jax.tree.map(_stack, *every)
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
     on_faces = tuple(c for c in every[0] if not isinstance(c, Tie | Volume))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
@@ -78,6 +78,7 @@ def cycle(
         return _Step(beta, _ties(scene, conditions).offset, loads, surface.cavities(scene.mesh, conditions)[1])
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
+    valid = valid & jnp.all(checks.within(plan.beta, "beta"))
     run = _run if system_A.is_small and system_C.is_small else _run_on_host
     found_A, found_C = run(_Problem(system_A, system_C, inputs, unloaded, plan, valid), settings)
     A = _states(scene, system_A, found_A, ())
@@ -171,6 +172,12 @@ def _run_on_host(problem: _Problem, settings: Settings) -> tuple[Solution, Solut
         at, both = step(at, jax.tree.map(lambda x, k=k: x[k], problem.plan))
         found.append(both)
     return jax.tree.map(lambda *x: jnp.stack(x), *found)
+
+
+def _stack(*values: ArrayLike) -> Any:
+    """The values of all times, in NumPy unless one is traced."""
+    xp = jnp if checks.is_traced(values) else np
+    return xp.stack([xp.asarray(v, dtype=float) for v in values])
 
 
 def _ties(scene: Scene, conditions: Sequence[Condition]) -> Ties:

@@ -25,19 +25,21 @@ def fingerprint(scene: Scene) -> dict[str, str]:
     names = [getattr(law, "__qualname__", type(law).__qualname__) for law in laws]
     constants = jax.tree_util.tree_flatten_with_path(scene.constants_of_kinds())[0]
     return {
-        "mesh points": _hash(_rounded(mesh.points)),
-        "cells": _hash(mesh.cells),
-        "faces": _hash(*(part for name in sorted(mesh.faces) for part in (name, mesh.faces[name]))),
-        "coordinates": _hash(c.name, *c.axes, *c.units, _rounded(evaluate(c.position, mesh.points))),
-        "Gauss points": _hash(np.array(scene.orders)),
-        "fibre and cross": _hash(_rounded(scene.frame)),
-        "regions": _hash(*(part for k, name in enumerate(scene.regions, start=1) for part in _region(scene, k, name))),
-        "law": _hash(*names),
-        "constants": _hash(*(part for at, x in constants for part in (jax.tree_util.keystr(at), np.asarray(x)))),
-        "energy density": _hash(*energies),
-        "p_patches": _hash(scene.p_patches),
-        "q_patches": _hash(scene.q_patches),
-        "supports": _hash(*(part for support in scene.supports for part in _support(support))),
+        "mesh points": hash_of(_rounded(mesh.points)),
+        "cells": hash_of(mesh.cells),
+        "faces": hash_of(*(part for name in sorted(mesh.faces) for part in (name, mesh.faces[name]))),
+        "coordinates": hash_of(c.name, *c.axes, *c.units, _rounded(evaluate(c.position, mesh.points))),
+        "Gauss points": hash_of(np.array(scene.orders)),
+        "fibre and cross": hash_of(_rounded(scene.frame)),
+        "regions": hash_of(
+            *(part for k, name in enumerate(scene.regions, start=1) for part in _region(scene, k, name))
+        ),
+        "law": hash_of(*names),
+        "constants": hash_of(*(part for at, x in constants for part in (jax.tree_util.keystr(at), np.asarray(x)))),
+        "energy density": hash_of(*energies),
+        "p_patches": hash_of(scene.p_patches),
+        "q_patches": hash_of(scene.q_patches),
+        "supports": hash_of(*(part for support in scene.supports for part in _support(support))),
     }
 
 
@@ -58,7 +60,7 @@ def _rounded(x: np.ndarray) -> np.ndarray:
     return np.round(x, DECIMALS) + 0.0  # no −0
 
 
-def _hash(*parts: Any) -> str:
+def hash_of(*parts: Any) -> str:
     """Of texts and arrays."""
     digest = hashlib.sha256()
     for part in parts:

@@ -23,7 +23,6 @@ from jaxmyo.sparse import Sparse
 from jaxmyo.status import SingularError, Status
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(6,))
 def follow(
     system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
 ) -> Solution:
@@ -33,30 +32,39 @@ def follow(
     failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
     Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
+    return _followed(system, z, start, end, valid, from_rest, settings)[0]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(6,))
+def _followed(
+    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+) -> tuple[Solution, Array | None]:
+    """The solution and, of a small body, the tangent (n, n) there, which a derivative has a use for."""
     stepwise = settings.time_limit is not None or settings.progress
     if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
         if stepwise:
             raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
-        return _follow(system, z, start, end, valid, from_rest, settings=settings)
+        return _compiled(system, z, start, end, valid, from_rest, settings=settings)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
     at: Any = np.array(z)
     flags: Any = (np.asarray(valid), np.asarray(from_rest))
-    return jax.tree.map(jnp.asarray, continuation.follow(lin, at, start, end, flags[0], flags[1], settings))
+    solution, _ = continuation.follow(lin, at, start, end, flags[0], flags[1], settings)
+    return jax.tree.map(jnp.asarray, solution), None
 
 
 @partial(jax.jit, static_argnames=("settings",))
-def _follow(system: System, *path: Any, settings: Settings) -> Solution:
+def _compiled(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
     z, start, end, valid, from_rest = path
     return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
 
 
-@partial(follow.defjvp, symbolic_zeros=True)
-def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Solution, Solution]:
-    s = follow(*primals, settings)
+@partial(_followed.defjvp, symbolic_zeros=True)
+def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    s, K = _followed(*primals, settings)
     system, d_system, d_end = primals[0], tangents[0], tangents[3]
-    regular = (s.status == Status.CONVERGED) & (s.zero == 0)
+    regular = (s.status == Status.CONVERGED) & (s.zero <= 0)  # −1: multigrid, which cannot tell
     if not checks.is_traced(regular) and s.status == Status.CONVERGED and not regular:
         raise SingularError(
             f"the state has no derivative: its tangent has {int(s.zero)} mode(s) without stiffness (zero_eigenvalues), "
@@ -64,12 +72,12 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
         )
     of_system, moved = _perturbed(system, d_system)
     of_inputs, driven = _perturbed(s.inputs, d_end)
-    held = None if system.is_small else _hold(system, s.z, s.inputs)
-    dz = _sensitivity(system, s.z, s.inputs, regular, held, of_system, of_inputs, moved=moved, driven=driven)
-    ds = jax.tree.map(_nothing, s)
+    tangent = _hold(system, s.z, s.inputs) if K is None else K
+    dz = _sensitivity(system, s.z, s.inputs, regular, tangent, of_system, of_inputs, moved=moved, driven=driven)
+    nothing, none = jax.tree.map(_nothing, (s, K))
     # Those of a singular state too: passive tissue at rest hands its constants on to what is loaded from it.
     known = [jnp.where(s.status == Status.CONVERGED, dx, 0.0) for dx in of_inputs]
-    return s, ds._replace(z=dz, inputs=_with(ds.inputs, driven, known))
+    return (s, K), (nothing._replace(z=dz, inputs=_with(nothing.inputs, driven, known)), none)
 
 
 @jax.custom_jvp
@@ -90,7 +98,7 @@ def _sensitivity(
     z: Array,
     inputs: Inputs,
     regular: Array,
-    held: Array | None,
+    tangent: Array,
     of_system: list[Array],
     of_inputs: list[Array],
     *,
@@ -99,7 +107,7 @@ def _sensitivity(
 ) -> Array:
     """dz (n,) of changes of those leaves of system and inputs that change; 0 where not regular.
 
-    held: the number of the tangent of a large body, see `sparse.hold`.
+    tangent: (n, n), or of a large body its number, see `sparse.hold`.
     """
 
     def residual(geometry: list[Array], loading: list[Array]) -> Array:
@@ -109,16 +117,16 @@ def _sensitivity(
     _, dr = jax.jvp(residual, at, (of_system, of_inputs))
     # A matrix and a right side that are harmless where there is no derivative: what is 0 · NaN would come back.
     dr = jnp.where(regular, dr, 0.0)
-    if held is None:
-        _, K = lagrangian.residual_and_tangent(system, z, inputs)
-        return -jnp.linalg.solve(jnp.where(regular, K, jnp.eye(len(z))), dr)
 
     def apply(v: Array) -> Array:
         return jax.jvp(lambda z: lagrangian.residual(system, z, inputs), (z,), (v,))[1]
 
     def solve(_: Any, b: Array, *, transposed: bool = False) -> Array:
+        if system.is_small:
+            K = jnp.where(regular, tangent, jnp.eye(len(z)))
+            return jnp.linalg.solve(K.T if transposed else K, b)
         like = jax.ShapeDtypeStruct(b.shape, b.dtype)
-        return jax.pure_callback(sparse.solve_held, like, held, b, transposed, vmap_method="sequential")
+        return jax.pure_callback(sparse.solve_held, like, tangent, b, transposed, vmap_method="sequential")
 
     return -jax.lax.custom_linear_solve(apply, dr, solve, partial(solve, transposed=True))
 

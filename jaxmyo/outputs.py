@@ -32,8 +32,13 @@ def stored_energy(system: System, F: Array, inputs: Inputs) -> Array:
 
     def point(F: Array, frame: Array, material: Array) -> Array:
         of_kinds = [
-            kind.law(F.T @ F, frame, inputs.beta if kind.active else jnp.zeros_like(inputs.beta), constants)
-            for kind, constants in zip(system.kinds, inputs.constants, strict=True)
+            kind.law(
+                jnp.where(material == k, F.T @ F, jnp.eye(3)),  # see `lagrangian.density`
+                frame,
+                inputs.beta if kind.active else jnp.zeros_like(inputs.beta),
+                constants,
+            )
+            for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True))
         ]
         return jnp.stack(of_kinds)[material]
 

@@ -17,9 +17,10 @@ class Status(IntEnum):
     BRANCH_LEFT = 5
     TOO_MANY_STEPS = 6
     TIME_LIMIT = 7
+    OUTPUT_NOT_FINITE = 8
 
 
-_MEANING = {
+MEANING = {
     Status.CONVERGED: "converged",
     Status.INVALID_INPUT: (
         "an input is outside its range or not finite; nothing was solved. Check beta in [0, 1], T0 >= 0 kPa, "
@@ -48,6 +49,9 @@ _MEANING = {
         "steps (settings.max_steps)"
     ),
     Status.TIME_LIMIT: "the time limit passed (settings.time_limit). Go on from this state, or allow more time",
+    Status.OUTPUT_NOT_FINITE: (
+        "the state converged, but an output that a study computes from it is not finite; look at the output's function"
+    ),
 }
 
 
@@ -59,7 +63,7 @@ def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike, loads: s
     return (
         f"{s.name} at {100 * float(np.asarray(reached)):.4g} % of the load{', ' + loads if loads else ''} "
         f"(the fields are those of the last converged step, relative residual {float(np.asarray(residual)):.1e}): "
-        f"{_MEANING[s]}."
+        f"{MEANING[s]}."
     )
 
 

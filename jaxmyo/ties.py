@@ -127,7 +127,7 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
             moved = np.einsum("qi,qim->qm", normals / np.linalg.norm(normals, axis=1)[:, None], moved)
         blocked.append(moved.reshape(-1, 6))
     rows = np.concatenate(blocked)
-    _, singular, vt = np.linalg.svd(rows, full_matrices=False)
+    _, singular, vt = np.linalg.svd(np.linalg.qr(rows, mode="r"))
     free = vt[singular < 1e-9 * np.sqrt(len(rows))]
     names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in "xyz"]
     return [names[int(np.argmax(np.abs(v)))] for v in free]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -11,8 +10,10 @@ import numpy as np
 import pytest
 
 import jaxmyo as jm
+from jaxmyo import lagrangian, outputs
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
+from jaxmyo.solve import contraction
 from jaxmyo.status import SingularError
 
 Inputs = dict[str, Any]
@@ -97,6 +98,7 @@ def _spread(scene: jm.Scene, numbers: dict[str, tuple[float, float]]) -> tuple[I
     return x, far | {"constants": jax.tree.map(lambda c: 0.1 * abs(c), scene.constants), "points": 0.03}
 
 
+POINTS = 50  # random points of the slow tests
 BODIES = {"sample": sample, "tube": tube, "body": body}
 
 
@@ -121,81 +123,117 @@ def stacked(trees: list[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def richardson(difference: Callable[[float], Any], h: float) -> Any:
-    return (4.0 * difference(h / 2.0) - difference(h)) / 3.0
+#: Steps of central differences, and what extrapolates them to the sixth order (Richardson).
+STEPS, WEIGHTS = (0.02, 0.01, 0.005), (1.0 / 45.0, -20.0 / 45.0, 64.0 / 45.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "points"),
-    [
-        ("sample", 4),
-        ("tube", 2),
-        *(pytest.param(name, 50, marks=pytest.mark.slow) for name in BODIES),
-    ],
-)
-def test_first_derivatives(name: str, points: int) -> None:
-    """By every kind of input, at random points: differences to 1e-7, forward against reverse to 1e-10."""
-    solve, x, far = BODIES[name]()
-    rng, h = np.random.default_rng(0), 0.02
-    at = [plus(x, moved(x, far, rng)) for _ in range(points)]
-    by = [moved(x, far, rng) for _ in range(points)]
-    every = jax.jit(jax.vmap(solve))
-    weights, kinds = jnp.asarray(rng.normal(size=4)), sorted(x)
+def difference(values: Callable[[float], Any]) -> Any:
+    """The derivative at 0 of values(h), an array."""
+    return sum(w * (values(h) - values(-h)) / (2.0 * h) for h, w in zip(STEPS, WEIGHTS, strict=True))
+
+
+def dot(a: Any, b: Any) -> Any:
+    return sum(map(jnp.vdot, jax.tree.leaves(a), jax.tree.leaves(b)))
+
+
+def converged(found: tuple[Any, Any]) -> Any:
+    """The values, if every status is good."""
+    assert (found[1] == jm.Status.CONVERGED).all()
+    return found[0]
+
+
+def test_forward_and_reverse() -> None:
+    """By all inputs of the sample together, in one program: differences to 1e-7, forward against reverse to 1e-10."""
+    solve, x, far = sample()
+    rng, points = np.random.default_rng(3), 4
+    at, by = (
+        stacked([make() for _ in range(points)])
+        for make in (lambda: plus(x, moved(x, far, rng)), lambda: moved(x, far, rng))
+    )
+    weights = jnp.asarray(rng.normal(size=4))
 
     @jax.jit
-    @partial(jax.vmap, in_axes=(0, 0))
+    @jax.vmap
+    def everything(x: Inputs, d: Inputs) -> Any:
+        value, push, status = jax.linearize(solve, x, has_aux=True)
+        (gradient,) = jax.linear_transpose(push, x)(weights)
+        return value, status, push(d), dot(gradient, d)
+
+    _, status, forward, reverse = everything(at, by)
+    assert (status == jm.Status.CONVERGED).all()
+    np.testing.assert_allclose(forward @ weights, reverse, rtol=1e-10)
+    found = difference(lambda h: converged(everything(plus(at, by, h), by)[:2]))
+    np.testing.assert_allclose(found, forward, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BODIES)
+def test_first_derivatives(name: str) -> None:
+    """By every kind of input, at 50 random points: differences to 1e-7, forward against reverse to 1e-10."""
+    solve, x, far = BODIES[name]()
+    rng, kinds = np.random.default_rng(0), sorted(x)
+    at = stacked([plus(x, moved(x, far, rng)) for _ in range(POINTS)])
+    by = stacked([moved(x, far, rng) for _ in range(POINTS)])
+    every = jax.jit(jax.vmap(solve))
+    weights = jnp.asarray(rng.normal(size=4))
+
+    @jax.jit
+    @jax.vmap
     def derivatives(x: Inputs, d: Inputs) -> tuple[Any, Any]:
         _, push = jax.linearize(lambda x: solve(x)[0], x)
         (gradient,) = jax.linear_transpose(push, x)(weights)
-        products = [sum(map(jnp.vdot, jax.tree.leaves(gradient[n]), jax.tree.leaves(d[n]))) for n in kinds]
+        products = [dot(gradient[n], d[n]) for n in kinds]
         return jax.vmap(push)(stacked([only(d, n) for n in kinds])), jnp.stack(products)
 
-    forward, reverse = derivatives(stacked(at), stacked(by))
-    values, status = every(stacked(at))
-    assert (status == jm.Status.CONVERGED).all()
+    forward, reverse = derivatives(at, by)
+    values = converged(every(at))
     assert jnp.isfinite(forward).all()
-    scale = jnp.max(jnp.abs(forward), axis=1, keepdims=True) + 1e-6 * jnp.abs(values)[:, None]
+    scale = jnp.max(jnp.abs(forward), axis=1) + 1e-6 * jnp.abs(values)
     for k, kind in enumerate(kinds):
-
-        def difference(h: float, kind: str = kind) -> Any:
-            def shifted(step: float) -> Any:
-                found, status = every(stacked([plus(a, only(d, kind), step) for a, d in zip(at, by, strict=True)]))
-                assert (status == 0).all()
-                return found
-
-            return (shifted(h) - shifted(-h)) / (2.0 * h)
-
-        off = jnp.abs(richardson(difference, h) - forward[:, k]) / scale[:, 0]
+        found = difference(lambda h, kind=kind: converged(every(plus(at, only(by, kind), h))))
+        off = jnp.abs(found - forward[:, k]) / scale
         assert off.max() < 1e-7, (kind, off)
-    along_weights = jnp.einsum("pko,o->pk", forward, weights)
+    along_weights = forward @ weights
     assert jnp.max(jnp.abs(along_weights - reverse) / jnp.max(jnp.abs(along_weights), axis=1, keepdims=True)) < 1e-10
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_second_derivatives(name: str) -> None:
-    """Forward over reverse, against differences of gradients to 1e-5; the Hessian is symmetric."""
+    """By every pair of kinds of input, at 50 random points, forward over reverse: differences of gradients to 1e-5.
+
+    The Hessian is symmetric.
+    """
     solve, x, far = BODIES[name]()
-    rng, h = np.random.default_rng(1), 0.02
-    by = [moved(x, far, rng) for _ in range(2)]
+    rng, kinds = np.random.default_rng(1), sorted(x)
+    at = stacked([plus(x, moved(x, far, rng)) for _ in range(POINTS)])
+    by = stacked([moved(x, far, rng) for _ in range(POINTS)])
 
-    def first(x: Inputs) -> Any:
-        return jnp.array([1.0, 0.0, 0.1, 0.0]) @ solve(x)[0]
+    def slopes(x: Inputs, d: Inputs) -> tuple[Any, Any]:
+        """The derivatives of a scalar along the part of d of each kind, from its gradient; and the status."""
+        gradient, status = jax.grad(lambda x: _weighed(*solve(x)), has_aux=True)(x)
+        return jnp.stack([dot(gradient[n], d[n]) for n in kinds]), status
 
-    gradient = jax.jit(jax.grad(first))
-    product = jax.jit(lambda x, d: jax.jvp(jax.grad(first), (x,), (d,))[1])
-    H = [product(x, d) for d in by]
+    first = jax.jit(jax.vmap(slopes))
 
-    def dot(a: Inputs, b: Inputs) -> Any:
-        return sum(map(jnp.vdot, jax.tree.leaves(a), jax.tree.leaves(b)))
+    @jax.jit
+    @jax.vmap
+    def second(x: Inputs, d: Inputs) -> Any:
+        _, push = jax.linearize(lambda x: slopes(x, d)[0], x)
+        return jax.vmap(push)(stacked([only(d, n) for n in kinds]))
 
-    crossed = dot(H[0], by[1])
-    np.testing.assert_allclose(crossed, dot(H[1], by[0]), rtol=1e-9)
+    H = second(at, by)
+    assert jnp.isfinite(H).all()
+    largest = jnp.max(jnp.abs(H), axis=2, keepdims=True)
+    assert (jnp.abs(H - jnp.swapaxes(H, 1, 2)) <= 1e-8 * largest).all()
+    for k, kind in enumerate(kinds):
+        found = difference(lambda h, kind=kind: converged(first(plus(at, only(by, kind), h), by)))
+        off = jnp.abs(found - H[:, k]) / (jnp.abs(H[:, k]) + 1e-3 * largest[:, k])
+        assert off.max() < 1e-5, (kind, off)
 
-    def difference(h: float) -> Any:
-        return (dot(gradient(plus(x, by[0], h)), by[1]) - dot(gradient(plus(x, by[0], -h)), by[1])) / (2.0 * h)
 
-    np.testing.assert_allclose(richardson(difference, h), crossed, rtol=1e-5)
+def _weighed(outputs: Any, status: Any) -> tuple[Any, Any]:
+    return jnp.array([1.0, 0.3, 0.1, 0.2]) @ outputs, status
 
 
 def test_hessian_in_a_batch() -> None:
@@ -311,3 +349,53 @@ def _fields(scene: jm.Scene) -> dict[str, Any]:
 
 def _at(mesh: jm.Mesh, points: Any) -> jm.Mesh:
     return replace(mesh, points=points)
+
+
+@pytest.mark.slow
+def test_through_a_cycle() -> None:
+    """Of a radius in the last state C by T0, the activation and the pressure of all states, against differences."""
+    tube = jm.radial_tube(4)
+
+    def radius(x: Any) -> Any:
+        cycle = jm.cycle(
+            tube,
+            [0.0, 0.2, 0.4],
+            T0=x["T0"],
+            a_over_D=0.2,
+            beta=lambda s: x["slope"] * s,
+            loads=lambda s: [jm.Pressure("inner", 4.0 + x["pressure"] * s)],
+        )
+        assert cycle.C.u.shape[0] == 3
+        return cycle.C.u[2, 0, 0] + 0.1 * cycle.C.cauchy[1, 0, 0, 1, 1]
+
+    x = {"T0": 10.0, "slope": 1.5, "pressure": 5.0}
+    gradient = jax.grad(radius)(x)
+    for name in x:
+        found = difference(lambda h, name=name: radius(x | {name: x[name] + h}))
+        np.testing.assert_allclose(gradient[name], found, rtol=1e-7)
+
+
+def test_a_law_that_overflows_elsewhere() -> None:
+    """In the elements of another material a law may be infinite; derivatives there are those of their own law."""
+
+    def hard(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
+        return constants["a"] * (jnp.exp(constants["b"] * (I1(C) - 3.0) ** 2) - 1.0)
+
+    mesh = jm.box((2.0, 1.0, 1.0), (2, 1, 1))
+    mesh = jm.Mesh(mesh.points, mesh.cells, mesh.faces, regions={"soft": np.array([0]), "scar": np.array([1])})
+    held = tuple(jm.Symmetry(axis) for axis in "xyz")
+    scar = {"scar": jm.Material(hard, {"a": 1.0, "b": 1e3})}
+    scene = jm.Scene(mesh, own_law, {"mu": 3.0, "k": 2.0}, supports=held, regions=scar)
+    system, at, _ = contraction(scene, 0.0, None, 0.0, None, None)
+    u = 2.0 * np.eye(3)[:1] * (mesh.points[:, :1] > 0.5)  # the scar moves as a whole
+
+    @jax.jit
+    def work(constants: Any) -> Any:
+        inputs = at._replace(constants=constants, offset=jnp.asarray(u.reshape(-1)))
+        r = lagrangian.residual(system, jnp.zeros(system.size), inputs)
+        stored = outputs.stored_energy(system, lagrangian.deformation_gradients(system, jnp.asarray(u)), inputs)
+        return jnp.sum(r) + stored
+
+    by_soft, by_hard = jax.grad(work)(at.constants)
+    assert jnp.isfinite(jnp.array([*by_soft.values(), *by_hard.values()])).all()
+    assert by_soft["k"] != 0.0
