@@ -65,8 +65,8 @@ def test_passive_constants(without_weave: Problem) -> None:
     assert found.rms <= 0.41
     np.testing.assert_allclose(found.values["C1p"], 0.366, atol=5e-4)
     np.testing.assert_allclose([e.value for e in found.estimates.values()][1:], [2.66, -0.930, 0.603], atol=5e-3)
-    assert not found.estimates["C4p"].identifiable  # equibiaxial curves alone do not tell the exponents apart
-    assert found.undetermined
+    (combination,) = found.undetermined  # equibiaxial curves alone do not tell the exponents apart
+    assert {"C3p", "C4p"} <= set(combination)
     # Held out, they miss the contracted curves, whose constants were not fitted to them.
     assert found.rms_of("contracted") > 2.0 * found.rms
 
@@ -78,7 +78,13 @@ def test_all_constants(without_weave: Problem) -> None:
     assert better.rms <= found.rms + 1e-9
     assert better.estimates["T0"].value < 1e-3  # at its bound
     assert not better.estimates["T0"].identifiable
-    assert better.estimates["T0"].high < 2.0
+
+
+@pytest.mark.slow
+def test_profiles_of_all_constants(without_weave: Problem) -> None:
+    found = fitting.fit(without_weave.fitting(*PASSIVE, *ACTIVE, "T0"), profiles=True)
+    assert not found.estimates["C4p"].identifiable
+    assert 0.1 < found.estimates["T0"].high < 0.3
 
 
 def test_noise_free_curves_give_the_constants_back(without_weave: Problem) -> None:
@@ -127,7 +133,7 @@ def test_with_the_weave() -> None:
     T0 = fitting.fit(woven).estimates["T0"]
     assert abs(T0.value - 0.719) < 0.005
     assert 0.0 < T0.low < 0.719 < T0.high < 1.5
-    both = fitting.fit(woven.fitting("T0", "a_over_D"))
+    both = fitting.fit(woven.fitting("T0", "a_over_D"), profiles=True)
     ratio = both.estimates["a_over_D"]
     assert not ratio.identifiable
     assert (ratio.low, ratio.high) == (0.0, 0.25)

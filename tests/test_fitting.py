@@ -150,7 +150,7 @@ def test_what_cannot_be_told() -> None:
 
     observed = 2.0 * T + 1.0 + 0.01 * np.random.default_rng(0).normal(size=T.size)
     parameters = (Parameter("a", 1.0, 0.0), Parameter("b", 1.5, 0.0), Parameter("c", 0.5))
-    found = fitting.fit(Problem(product, observed, parameters, ("a", "b", "c")))
+    found = fitting.fit(Problem(product, observed, parameters, ("a", "b", "c")), profiles=True)
     assert [e.identifiable for e in found.estimates.values()] == [False, False, True]
     (combination,) = found.undetermined
     np.testing.assert_allclose(abs(combination["a"] - combination["b"]), np.sqrt(2.0), rtol=1e-3)
@@ -165,7 +165,7 @@ def test_a_parameter_that_runs_to_its_bound() -> None:
     p = Problem(
         line, -1.0 + 2.0 * T + 0.1 * np.sin(9.0 * T), (Parameter("a", 1.0, 0.0), Parameter("b", 1.0)), ("a", "b")
     )
-    found = fitting.fit(p)
+    found = fitting.fit(p, profiles=True)
     a = found.estimates["a"]
     assert 0.0 <= a.value < 1e-8
     assert (a.low, a.identifiable) == (0.0, False)

@@ -54,7 +54,13 @@ def of_file(options: argparse.Namespace) -> Report:
         for name in fix:
             checks.choice("fix", name, [p.name for p in problem.parameters])
         problem = problem.fitting(*(n for n in problem.free if n not in fix))
-    found = fit(problem, starts=options.starts or 1, seed=options.seed, loss=Loss(options.loss, options.loss_scale))
+    found = fit(
+        problem,
+        starts=options.starts or 1,
+        seed=options.seed,
+        loss=Loss(options.loss, options.loss_scale),
+        profiles=True,
+    )
     title = f"{Path(options.data).name}, law {options.law}: {_brief(found)}"
     picture = figures.data_and_fit(options.out / "fit.png", data, found, title)
     return Report(str(found), found.as_json(), (picture,))
@@ -66,12 +72,12 @@ def lin_yin(options: argparse.Namespace) -> Report:
     absent = sample_problem(data, T0=T0_KPA, free=["T0"])
     woven = sample_problem(data, T0=T0_KPA, a_over_D=A_OVER_D, free=["T0"])
     fits = {
-        "T0, no weave": fit(absent.without("passive")),
-        "T0, a/D = 0.2": fit(woven.without("passive")),
-        "T0 and a/D": fit(woven.without("passive").fitting("T0", "a_over_D")),
-        "passive constants": fit(absent.without("contracted").fitting(*PASSIVE)),
-        "all constants, no weave": fit(absent.fitting(*PASSIVE, *ACTIVE, "T0")),
-        "all constants, T0 and a/D": fit(woven.fitting(*PASSIVE, *ACTIVE, "T0", "a_over_D")),
+        "T0, no weave": fit(absent.without("passive"), profiles=True),
+        "T0, a/D = 0.2": fit(woven.without("passive"), profiles=True),
+        "T0 and a/D": fit(woven.without("passive").fitting("T0", "a_over_D"), profiles=True),
+        "passive constants": fit(absent.without("contracted").fitting(*PASSIVE), profiles=True),
+        "all constants, no weave": fit(absent.fitting(*PASSIVE, *ACTIVE, "T0"), profiles=True),
+        "all constants, T0 and a/D": fit(woven.fitting(*PASSIVE, *ACTIVE, "T0", "a_over_D"), profiles=True),
     }
     rms = unfitted_rms(data, absent)
     whole = fits["all constants, T0 and a/D"]

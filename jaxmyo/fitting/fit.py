@@ -189,13 +189,15 @@ def fit(
     seed: int = 0,
     loss: Loss | str = "linear",
     level: float = 0.95,
+    profiles: bool = False,
     max_steps: int = 200,
 ) -> Fit:
     """Least squares by Levenberg–Marquardt, from the values of the problem and from starts − 1 random ones.
 
     All starts run as one vmapped call. spread: the standard deviation of the random starts in the free variables: of
     ln values where there is a bound, relative to the value elsewhere; loss: a name of `Loss`, or one with its scale;
-    level: of the confidence intervals; max_steps: of each start.
+    level: of the confidence intervals; profiles: intervals and identifiability of badly determined parameters from the
+    profile likelihood, some tens of fits, instead of the Jacobian alone; max_steps: of each start.
 
     Errors: SolveError if no start ends with every state found; ValueError for values out of range. A UserWarning if
     the fit is the best that was found but no minimum, and if the observations are far from any prediction in size.
@@ -228,13 +230,13 @@ def fit(
             stacklevel=2,
         )
     _check_size(problem, found)
-    return described(problem, found, every, chosen, level, seed, spread)
+    return described(problem, found, every, chosen, level, seed, spread, profiles)
 
 
 def described(problem: Problem, found: Found, every: Found, loss: Loss, level: float, seed: int, spread: float) -> Fit:
     local = uncertainty.local(problem, found)
     values = values_of(problem, found.x)
-    intervals, told = uncertainty.intervals(problem, found, local.errors, loss, level)
+    intervals, told = uncertainty.intervals(problem, found, local.errors, loss, level, profiles)
     slopes = _slopes(problem, found.x)
     estimates = {
         name: Estimate(

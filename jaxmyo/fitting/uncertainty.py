@@ -94,28 +94,31 @@ def profiled(problem: Problem, found: Found, loss: Loss, i: int, x: float) -> Fo
 
 
 def intervals(
-    problem: Problem, found: Found, errors: NDArray[np.float64], loss: Loss, level: float
+    problem: Problem, found: Found, errors: NDArray[np.float64], loss: Loss, level: float, profiles: bool
 ) -> tuple[NDArray[np.float64], list[bool]]:
-    """Confidence intervals (k, 2) of the values, and whether the data tell each apart from both ends of `far`.
+    """Confidence intervals (k, 2) of the values, and whether the data tell each apart from both ends of `Parameter.far`.
 
-    Where the interval from the Jacobian is far inside of `Parameter.far`, it is good enough. Else the parameter is
+    Those from the Jacobian are good enough where they are far inside of `far`. Elsewhere, with profiles, the parameter is
     held at that end and the others are fitted again (profile likelihood, Raue et al. 2009): if the data reject the end
-    at the level, the interval ends where the profile crosses the threshold; if not, it ends at the bound, or at `far`,
-    and the parameter is not identifiable.
+    at the level, the interval ends where the profile crosses the threshold. Where the end is not rejected (or, without
+    profiles, is inside the interval) the interval ends at the bound, or at `far`, and the parameter is not identifiable.
     """
     limit = threshold(problem, found, level)
     estimates, ends = values_of(problem, found.x), wald(problem, found.x, errors, level)
     told = np.ones(ends.shape, dtype=bool)
     for i, p in enumerate(problem.fitted):
         for side, far in enumerate(p.far(estimates[i])):
-            reach = abs(_x_inside(p, ends[i, side]) - found.x[i])
-            if abs(p.x(far) - found.x[i]) > 3.0 * reach:
+            reach, way = abs(_x_inside(p, ends[i, side]) - found.x[i]), abs(p.x(far) - found.x[i])
+            if way > 3.0 * reach:
                 continue
             beyond = (far - estimates[i]) * (1 if side else -1) <= 0.0  # the estimate has come to its bound
-            told[i, side] = not beyond and profiled(problem, found, loss, i, p.x(far)).sum > limit
-            if told[i, side]:
-                ends[i, side] = _crossing(problem, found, loss, i, p.x(far), limit)
+            if profiles:
+                told[i, side] = not beyond and profiled(problem, found, loss, i, p.x(far)).sum > limit
+                if told[i, side]:
+                    ends[i, side] = _crossing(problem, found, loss, i, p.x(far), limit)
             else:
+                told[i, side] = not beyond and way > reach
+            if not told[i, side]:
                 bound = (p.low, p.high)[side]
                 ends[i, side] = bound if np.isfinite(bound) else far
     return ends, [bool(low and high) for low, high in told]
