@@ -233,7 +233,17 @@ def fit(
     return described(problem, found, every, chosen, level, seed, spread, profiles)
 
 
-def described(problem: Problem, found: Found, every: Found, loss: Loss, level: float, seed: int, spread: float) -> Fit:
+def described(
+    problem: Problem,
+    found: Found,
+    every: Found,
+    loss: Loss,
+    level: float,
+    seed: int,
+    spread: float,
+    profiles: bool = False,
+) -> Fit:
+    """What a minimum tells; every: the ends of all starts; the rest as of `fit`."""
     local = uncertainty.local(problem, found)
     values = values_of(problem, found.x)
     intervals, told = uncertainty.intervals(problem, found, local.errors, loss, level, profiles)

@@ -96,12 +96,13 @@ def profiled(problem: Problem, found: Found, loss: Loss, i: int, x: float) -> Fo
 def intervals(
     problem: Problem, found: Found, errors: NDArray[np.float64], loss: Loss, level: float, profiles: bool
 ) -> tuple[NDArray[np.float64], list[bool]]:
-    """Confidence intervals (k, 2) of the values, and whether the data tell each apart from both ends of `Parameter.far`.
+    """Confidence intervals (k, 2) of the values, and whether the data tell each apart from both ends of `far`.
 
-    Those from the Jacobian are good enough where they are far inside of `far`. Elsewhere, with profiles, the parameter is
-    held at that end and the others are fitted again (profile likelihood, Raue et al. 2009): if the data reject the end
-    at the level, the interval ends where the profile crosses the threshold. Where the end is not rejected (or, without
-    profiles, is inside the interval) the interval ends at the bound, or at `far`, and the parameter is not identifiable.
+    Those from the Jacobian are good enough where they are far inside of `Parameter.far`. Elsewhere, with profiles, the
+    parameter is held at that end and the others are fitted again (profile likelihood, Raue et al. 2009): if the data
+    reject the end at the level, the interval ends where the profile crosses the threshold. Where the end is not
+    rejected (or, without profiles, is inside the interval) the interval ends at the bound, or at `far`, and the
+    parameter is not identifiable.
     """
     limit = threshold(problem, found, level)
     estimates, ends = values_of(problem, found.x), wald(problem, found.x, errors, level)
