@@ -14,8 +14,8 @@ seconds, those of the code over those of jaxmyo. Below n = 7 jaxmyo solves dense
 The peers (`benchmarks/peers`) are installed by pip into environments of their own, in a folder of the user's cache:
   felupe        FElupe, nearly incompressible (K = 1000 kPa), u alone after condensation, Pardiso
   felupe-mixed  FElupe, (u, p), exactly incompressible: the same discrete problem as jaxmyo's, digit by digit
-  dolfinx       DOLFINx, (u, p), exactly incompressible, MUMPS; where pip has none, name a Python that has it by
-                `--python dolfinx=/path/to/python`
+  dolfinx       DOLFINx 0.5 to 0.9, (u, p), exactly incompressible, MUMPS: jaxmyo's discrete problem, too; where pip has
+                none, the system's Python is asked, or that of `--python dolfinx=/path/to/python`
 The reaction of the face x1 [mN] and the displacement v of the middle of the face y1 [mm] tell whether the codes solve
 the same problem: they differ by 1/K and, where p multiplies another function of det F, by the size of the elements.
 """
@@ -34,7 +34,10 @@ from typing import Any
 
 PEERS = Path(__file__).parent / "peers"
 FELUPE = ("felupe_block.py", ["felupe>=11.3", "pypardiso"], "import felupe, pypardiso")
-DOLFINX = ("dolfinx_block.py", ["fenics-dolfinx>=0.10"], "import dolfinx.fem.petsc")
+DOLFINX = ("dolfinx_block.py", ["fenics-dolfinx<0.10"], "from dolfinx.fem.petsc import create_matrix_block")
+#: What may have the peers that pip cannot install, and how to come by them; OpenBLAS is much faster than Debian's own.
+SYSTEM_PYTHON = "/usr/bin/python3"
+BY_HAND = {"dolfinx": "on Debian 12: apt-get install python3-dolfinx libopenblas0-pthread"}
 #: peer → (script, its arguments, name of its environment)
 CODES = {
     "felupe": (*FELUPE, [], "felupe"),
@@ -161,13 +164,18 @@ def environment_of(peer: str, folder: Path) -> str:
     if not python.exists():
         folder.mkdir(parents=True, exist_ok=True)
         subprocess.run([sys.executable, "-m", "venv", str(folder / name)], check=True)
-    if subprocess.run([str(python), "-I", "-c", imports], capture_output=True).returncode:
+    if not has(str(python), imports):
         install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements]
         done = subprocess.run(install, capture_output=True, text=True)
         if done.returncode:
             errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
             raise RuntimeError((errors or ["ERROR: pip failed"])[-1])
     return str(python)
+
+
+def has(python: str, imports: str) -> bool:
+    """Whether a Python can import what a peer needs."""
+    return not subprocess.run([python, "-I", "-c", imports], capture_output=True).returncode
 
 
 def pythons(peers: list[str], folder: Path, given: dict[str, str]) -> dict[str, str]:
@@ -177,7 +185,10 @@ def pythons(peers: list[str], folder: Path, given: dict[str, str]) -> dict[str, 
         try:
             found[peer] = given.get(peer) or environment_of(peer, folder)
         except (RuntimeError, OSError, subprocess.CalledProcessError) as error:
-            print(f"{peer} is left out, it cannot be installed here: {error}")
+            if peer in BY_HAND and Path(SYSTEM_PYTHON).exists() and has(SYSTEM_PYTHON, CODES[peer][2]):
+                found[peer] = SYSTEM_PYTHON
+                continue
+            print(f"{peer} is left out, pip cannot install it ({error}); {BY_HAND.get(peer, '')}")
     return found
 
 

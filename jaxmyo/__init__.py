@@ -11,6 +11,7 @@ from jaxmyo.conditions import (
     Planar,
     Pressure,
     Proportional,
+    Shear,
     Spring,
     Stretch,
     Symmetry,
@@ -21,6 +22,7 @@ from jaxmyo.conditions import (
 from jaxmyo.constants import LAND_ACTIVE, LAND_PASSIVE, MEASURED, PRINTED, SETS, TABLE1, Guccione, LinYin
 from jaxmyo.coordinates import CARTESIAN, CYLINDRICAL, Coordinates, prolate_spheroidal
 from jaxmyo.cycle import Cycle, cycle
+from jaxmyo.data import Data, lin_yin_data, read_data
 from jaxmyo.ellipsoid import Ventricle, helix_fibres, prolate_mesh, ventricle_mesh
 from jaxmyo.energies import guccione, lin_yin
 from jaxmyo.export import write_series, write_vtu
@@ -34,6 +36,7 @@ from jaxmyo.scenes import (
     axisymmetric_tube,
     axisymmetric_ventricle,
     radial_tube,
+    specimen,
     thin_sample,
     tube_sector,
     ventricle_body,
@@ -55,6 +58,7 @@ __all__ = [
     "BodyForce",
     "Coordinates",
     "Cycle",
+    "Data",
     "Displacement",
     "Guccione",
     "Homogeneous",
@@ -67,6 +71,7 @@ __all__ = [
     "Sample",
     "Scene",
     "Settings",
+    "Shear",
     "SolveError",
     "Spring",
     "State",
@@ -88,16 +93,19 @@ __all__ = [
     "guccione",
     "helix_fibres",
     "lin_yin",
+    "lin_yin_data",
     "load",
     "load_state",
     "load_study",
     "prolate_mesh",
     "prolate_spheroidal",
     "radial_tube",
+    "read_data",
     "read_mesh",
     "saltelli_sample",
     "save_state",
     "sobol_sample",
+    "specimen",
     "structured",
     "study",
     "thin_sample",

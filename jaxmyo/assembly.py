@@ -3,31 +3,32 @@
 The pattern is found once. JAX computes the element terms of a chunk while NumPy adds those of the one before.
 """
 
+import ctypes
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from jax import Array
-from numpy.typing import NDArray
 
 from jaxmyo import lagrangian, surface
 from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.pattern import UPPER, Floats, Ints, pattern
 
 CHUNK = 1024  # elements per call
 BLOCK = 128  # elements whose intermediates stay in cache together
 FLIGHT = 4  # chunks that are computed ahead
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Found = TypeVar("Found")
 
-_I, _J = np.triu_indices(24)
+_I, _J = UPPER
 _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
 
 
@@ -58,99 +59,6 @@ class Terms(NamedTuple):
     D: Any
     r_m: Any
     least_J: Any
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """The upper triangle, in CSR, of the displacements that share an element (or a patch), and where entries stand.
-
-    positions: (n_elements, 300) of the upper triangle of an element's matrix, nnz for entries of prescribed
-    displacements; twice: flat positions there of pairs of nodal displacements that are one unknown; keys: (nnz,)
-    row · n_u + column.
-    """
-
-    n_u: int
-    indptr: Ints
-    indices: NDArray[np.int32]
-    keys: Ints
-    positions: Ints
-    twice: Ints
-
-    @property
-    def nnz(self) -> int:
-        """Number of entries."""
-        return len(self.keys)
-
-    @property
-    def diagonal(self) -> Ints:
-        """Positions of the diagonal."""
-        return self.indptr[:-1]
-
-    def matrix(self, data: Floats) -> sp.csr_matrix:
-        """The upper triangle with these entries."""
-        return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.n_u, self.n_u))
-
-    def full(self, data: Floats) -> sp.csr_matrix:
-        """Both triangles."""
-        upper = self.matrix(data)
-        return (upper + sp.triu(upper, 1).T).tocsr()
-
-    def find(self, rows: NDArray[Any], columns: NDArray[Any]) -> Ints:
-        """Positions of entries of the upper triangle."""
-        return np.searchsorted(self.keys, rows.astype(np.int64) * self.n_u + columns)
-
-    def add_upper(self, data: Floats, ids: Ints, K: Floats) -> None:
-        """Add the upper triangles (n, 300) of the matrices of elements `ids` to the data (nnz + 1,)."""
-        if len(self.twice):
-            first, last = np.searchsorted(self.twice, [300 * ids[0], 300 * (ids[-1] + 1)])
-            K = K.copy()
-            K.reshape(-1)[self.twice[first:last] - 300 * ids[0]] *= 2.0
-        np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
-
-
-def upper_triangles(K: Floats) -> Floats:
-    """The upper triangles (n, 300) of matrices (n, 24, 24), rows first."""
-    return K[:, _I, _J]
-
-
-def upper_diagonals(K: Floats) -> Floats:
-    """The diagonals (n, 24) of matrices whose upper triangles (n, 300) are given."""
-    return K[:, _I == _J]
-
-
-def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
-    """The pattern of a body; patches: incidence (n_patches, n_u) of patches of several elements, which couple too."""
-    # Pairs of nodes first: there are far fewer of them than pairs of displacements.
-    a, b = np.triu_indices(8)
-    low, high = np.minimum(cells[:, a], cells[:, b]), np.maximum(cells[:, a], cells[:, b])
-    n_nodes = len(tie_index) // 3
-    pairs, pair_of = np.unique((low * n_nodes + high).reshape(-1), return_inverse=True)
-    first, second = np.divmod(pairs, n_nodes)
-    rows = np.broadcast_to((3 * first)[:, None, None] + np.arange(3)[:, None], (len(pairs), 3, 3)).reshape(-1)
-    columns = np.broadcast_to((3 * second)[:, None, None] + np.arange(3), (len(pairs), 3, 3)).reshape(-1)
-    moves = (tie_scale[rows] != 0.0) & (tie_scale[columns] != 0.0)
-    i, j = tie_index[rows], tie_index[columns]
-    keys = np.where(moves, np.minimum(i, j) * n_u + np.maximum(i, j), n_u * n_u)
-    further = [sp.triu(p.T @ p).tocoo() for p in patches]
-    every = np.concatenate([keys, *(f.row.astype(np.int64) * n_u + f.col for f in further)])
-    found, at = np.unique(every, return_inverse=True)
-    if len(found) and found[-1] == n_u * n_u:
-        found = found[:-1]
-    at = at[: len(keys)].reshape(len(pairs), 3, 3)
-    # Position of the pair of displacements (node a, component i; node b, component j) of each element.
-    number = np.zeros((8, 8), dtype=np.int64)
-    number[a, b] = number[b, a] = np.arange(len(a))
-    block = at[pair_of.reshape(len(cells), -1)]  # (n_elements, 36, 3, 3)
-    swapped = cells[:, a] > cells[:, b]
-    block[swapped] = block[swapped].swapaxes(-1, -2)
-    flat = 9 * number[_I // 3, _J // 3] + 3 * (_I % 3) + _J % 3
-    positions = np.ascontiguousarray(block.reshape(len(cells), -1)[:, flat])
-    twice = np.zeros(0, dtype=np.int64)
-    if np.count_nonzero(tie_scale) > n_u:  # some unknowns move several nodal displacements
-        same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
-        twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
-    indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
-    return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)
 
 
 def _in_blocks(function: Callable[[Any], Any], arrays: Any) -> Any:
@@ -202,21 +110,27 @@ def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: A
 
 
 @jax.jit
-def _rate(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
-    """Changes of the forces (n_elements, 24) and of the constraints (n_elements, multipliers) with the inputs."""
+def _forces(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any, Any]:
+    """The first derivatives of a chunk alone, their change with u and the inputs, and the smallest det F.
 
-    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> tuple[Array, Array]:
+    Forces (n_elements, 24) and constraints (n_elements, multipliers); for the changes du, by_t: the same again.
+    """
+    c = system.coordinates
+
+    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Any:
         at = (e.dN, e.weight, e.frame, e.theta, e.inverse_g, e.material)
         forces, by_m = lagrangian.element_forces(system, nodes, *at, m, T_f, T_cf, inputs)
-        return e.scale * forces.reshape(24), by_m
+        y = jax.vmap(partial(lagrangian.variables, c, nodes))(e.dN, system.N, e.theta, e.inverse_g)
+        least_J = jnp.min(jax.vmap(partial(lagrangian.volume_ratio, c))(y))
+        return (e.scale * forces.reshape(24), by_m), least_J
 
-    def block(at: tuple[Any, ...]) -> tuple[Array, Array]:
+    def block(at: tuple[Any, ...]) -> tuple[Any, Any, Any]:
         e, m, T, dT = at
 
-        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> tuple[Array, Array]:
+        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> Any:
             return jax.vmap(element, in_axes=(0, 0, 0, 0, 0, None))(e, u[e.cells], m, *T, inputs)
 
-        return jax.jvp(of, (u, T, inputs), (du, dT, by_t))[1]
+        return jax.jvp(of, (u, T, inputs), (du, dT, by_t), has_aux=True)
 
     return _in_blocks(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
 
@@ -229,11 +143,13 @@ def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tupl
 
 
 @jax.jit
-def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Array, Array]:
+def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
+    """`_load_forces`, and their change with u and the inputs."""
+
     def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
         return _load_forces(system, u, pressures, inputs)
 
-    return jax.jvp(of, (u, inputs), (du, by_t))[1]
+    return jax.jvp(of, (u, inputs), (du, by_t))
 
 
 @jax.jit
@@ -244,6 +160,18 @@ def _load_terms(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple
     tangents = [surface.tangents(c, kind, theta[n], system.points[n], values) for kind, n, values in loads]
     ones = [surface.forces(c, "closed", theta[w], system.points[w], jnp.ones(len(w))) for w in system.cavities]
     return _load_forces(system, u, pressures, inputs), tangents, [one.reshape(-1, 12) for one in ones]
+
+
+def _programs() -> int:
+    """How many programs for elements are compiled."""
+    return int(_terms._cache_size() + _forces._cache_size())  # type: ignore[attr-defined]
+
+
+def _give_back() -> None:
+    """Give memory that is free back to the system: of what the compiler used, glibc would keep 0.2 GB."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 class Assembly:
@@ -283,6 +211,19 @@ class Assembly:
         cut = inputs._replace(T_f=tensions[0], T_cf=tensions[1], offset=none)
         return cut._replace(loads={}, volumes=none, imbalance=none)
 
+    def _each(
+        self, compute: Callable[[Ints, Elements], Found], chunks: int | None = None
+    ) -> Iterator[tuple[Ints, Found]]:
+        """(elements, what is computed of them) of all chunks, or of the first ones; some are computed ahead."""
+        ahead: list[tuple[Ints, Future[Found]]] = []
+        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
+            ahead.append((ids, _THREADS.submit(compute, ids, e)))
+            if len(ahead) > FLIGHT:
+                ids, future = ahead.pop(0)
+                yield ids, future.result()
+        for ids, future in ahead:
+            yield ids, future.result()
+
     def terms(
         self,
         u: Floats,
@@ -292,42 +233,56 @@ class Assembly:
         inside: tuple[bool, ...],
         chunks: int | None = None,
     ) -> Iterator[tuple[Ints, Terms]]:
-        """(elements, their terms) of all chunks, or of the first ones; some are computed ahead."""
+        """(elements, their terms) of all chunks, or of the first ones."""
 
         def compute(ids: Ints, e: Elements) -> Terms:
             m = z[self.local[self._padded(ids)]]
             found = _terms(self._shared, e, u, m, self._cut(inputs, ids), np.float64(gamma), inside)
             return Terms(*(np.asarray(x)[: len(ids)] for x in found))
 
-        ahead: list[tuple[Ints, Future[Terms]]] = []
-        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
-            ahead.append((ids, _THREADS.submit(compute, ids, e)))
-            if len(ahead) > FLIGHT:
-                ids, future = ahead.pop(0)
-                yield ids, future.result()
-        for ids, future in ahead:
-            yield ids, future.result()
+        return self._each(compute, chunks)
 
     def add_to(self, r: Floats, ids: Ints, r_u: Any, r_m: Any) -> None:
         """Add the forces (n, 24) and the constraints (n, multipliers) of elements `ids` to the residual (n,)."""
         r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
         r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
 
-    def rates(self, u: Floats, du: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
-        """The change (n,) of the residual with the inputs, loads included."""
-        r = -np.asarray(by_t.imbalance)
-        for ids, e in zip(self.chunks, self._elements, strict=True):
-            m = z[self.local[self._padded(ids)]]
-            cut = self._cut(inputs, ids), self._cut(by_t, ids)
-            r_u, r_m = (np.asarray(x)[: len(ids)] for x in _rate(self._shared, e, u, du, m, *cut))
-            self.add_to(r, ids, r_u, r_m)
+    def first(self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]) -> tuple[Ints, Terms]:
+        """(elements, their terms) of the first chunk. What `forces` needs is compiled beside: each takes seconds."""
+        known, none = _programs(), jax.tree.map(np.zeros_like, inputs)
+        args = (self.chunks[0], self._elements[0], u, z, inputs, np.zeros_like(u), none)
+        forces = _THREADS.submit(self._forces_of, *args)
+        found = next(self.terms(u, z, inputs, gamma, inside, chunks=1))
+        forces.result()
+        if _programs() != known:
+            _give_back()
+        return found
+
+    def _forces_of(
+        self, ids: Ints, e: Elements, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs
+    ) -> tuple[Any, Any, Any]:
+        m = z[self.local[self._padded(ids)]]
+        found = _forces(self._shared, e, u, du, m, self._cut(inputs, ids), self._cut(by_t, ids))
+        return jax.tree.map(lambda x: np.asarray(x)[: len(ids)], found)
+
+    def forces(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> tuple[Floats, Floats, float]:
+        """The residual (n,), its change with the displacements and the inputs, and the smallest det F."""
+
+        def compute(ids: Ints, e: Elements) -> Any:
+            return self._forces_of(ids, e, u, z, inputs, du, by_t)
+
+        r, dr, least_J = -np.array(inputs.imbalance), -np.array(by_t.imbalance), np.inf
+        for ids, (at, change, J) in self._each(compute):
+            self.add_to(r, ids, *at)
+            self.add_to(dr, ids, *change)
+            least_J = min(least_J, float(J.min()))
         if self.loaded:
             cut = self._of_loads(inputs), self._of_loads(by_t)
-            pressures = self.system.pressures(z)
-            forces, volumes = (np.asarray(x) for x in _load_rates(self._loads, u, du, pressures, *cut))
-            r += np.bincount(self.tie_index, -self.tie_scale * forces.ravel(), len(r))
-            r[len(r) - len(volumes) :] += np.asarray(by_t.volumes) - volumes
-        return r
+            loads, by_loads = _load_rates(self._loads, u, du, self.system.pressures(z), *cut)
+            for to, (forces, volumes), wanted in ((r, loads, inputs), (dr, by_loads, by_t)):
+                to += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(to))
+                to[len(to) - len(volumes) :] += np.asarray(wanted.volumes) - np.asarray(volumes)
+        return r, dr, least_J
 
     @property
     def loaded(self) -> bool:

@@ -18,6 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from jaxmyo.fitting import arguments as fit
     from jaxmyo.paper import arguments as paper
     from jaxmyo.studies import arguments as study
 
@@ -26,7 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"jaxmyo {version('jaxmyo')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (paper, study):  # each adds one, with the function that runs it
+    for command in (paper, study, fit):  # each adds one, with the function that runs it
         command.add(commands)
     return parser
 

@@ -79,6 +79,20 @@ class Homogeneous:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Shear:
+    """Simple shear on top of everything else: u_axis of every node, held or free, grows by value × its coordinate `to`.
+
+    `value` is the amount of shear [–] in Cartesian coordinates: Shear("x", "z", 0.3) displaces the faces with normal z
+    along x. With `Homogeneous` and the other stretches, F = diag(λ1, λ2, λ3) + value e_axis ⊗ e_to.
+    """
+
+    axis: str = field(metadata={"static": True})
+    to: str = field(metadata={"static": True})
+    value: ArrayLike
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Traction:
     """A traction vector (3,) [kPa = mN/mm²] on a face, its components along the local unit vectors e_i(θ).
 
@@ -149,6 +163,6 @@ class Volume:
     value: ArrayLike
 
 
-Tie = Displacement | Stretch | Planar | Uniform | Proportional | Homogeneous
+Tie = Displacement | Stretch | Planar | Uniform | Proportional | Homogeneous | Shear
 Load = Traction | Pressure | BodyForce
 Condition = Tie | Load | Spring | Volume

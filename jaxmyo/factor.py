@@ -7,6 +7,7 @@ import copy
 import sys
 from collections.abc import Callable
 from functools import cache
+from threading import Thread
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from jaxmyo import checks
-from jaxmyo.assembly import Pattern
+from jaxmyo.pattern import Pattern
 
 Floats = NDArray[np.float64]
 
@@ -42,11 +43,19 @@ class Solver(Protocol):
     def solve(self, b: Floats) -> Floats:
         """The solution of matrix · x = b, or of multigrid an approximation, linear in b."""
 
+    def free(self) -> None:
+        """Free the factors."""
 
-def solver(pattern: Pattern, motions: Callable[[], Floats]) -> Solver:
-    """The best solver that is installed, for matrices of a pattern; motions: the rigid ones (n_u, 6)."""
+
+def solver(pattern: Pattern, like: Floats, motions: Callable[[], Floats]) -> Solver:
+    """The best solver that is installed, for matrices of a pattern.
+
+    like: the entries (nnz,) of a definite matrix with the same units; motions: the rigid ones (n_u, 6).
+    """
     kind = chosen(pattern.n_u)
-    return kind(pattern, motions) if kind is _Multigrid else kind(pattern)
+    if kind is _Multigrid:
+        return _Multigrid(pattern, motions)
+    return _Pardiso(pattern, like) if kind is _Pardiso else _SuperLU(pattern)
 
 
 def chosen(n_u: int) -> Any:
@@ -61,26 +70,27 @@ def chosen(n_u: int) -> Any:
 
 
 class _Pardiso:
-    """MKL Pardiso, LDLᵀ; pattern and ordering are analysed once."""
+    """MKL Pardiso, LDLᵀ; pattern and ordering are analysed once, beside what else goes on before the first matrix."""
 
     name = "Pardiso"
     augmentation, iterations = 1e4, (20, 60)
 
-    def __init__(self, pattern: Pattern) -> None:
-        self._matrix = pattern.matrix(np.zeros(pattern.nnz))
+    def __init__(self, pattern: Pattern, like: Floats) -> None:
+        self._matrix = pattern.matrix(like)
         self._solver = copy.copy(_pardiso())
         self._solver.pt = np.zeros_like(self._solver.pt)
         self._solver.iparm = np.zeros_like(self._solver.iparm)
         for k, value in _IPARM.items():
             self._solver.set_iparm(k, value)
-        self._phase = 12  # analysis and factorisation
+        self._analysis = Thread(target=self._call, args=(11, np.zeros(pattern.n_u)))
+        self._analysis.start()
         self.inertia = (0, 0)
         self.size: dict[str, float] = {}
 
     def factorise(self, data: Floats) -> None:
+        self._analysis.join()
         self._matrix.data = data
-        self._call(self._phase, np.zeros(len(data)))
-        self._phase = 22  # factorisation
+        self._call(22, np.zeros(len(data)))
         self.inertia = (int(self._solver.get_iparm(23)), int(self._solver.get_iparm(14)))
         self.size = {"factor GB": 8e-9 * self._solver.get_iparm(18), "factor GFLOP": 1e-3 * self._solver.get_iparm(19)}
 
@@ -94,9 +104,14 @@ class _Pardiso:
             self._solver._call_pardiso(self._matrix, np.asfortranarray(b[: self._matrix.shape[0], None]))
         )[:, 0]
 
+    def free(self) -> None:
+        self._analysis.join()
+        self._call(0, np.zeros(self._matrix.shape[0]))  # of the factors; pattern and ordering stay
+
     def __del__(self) -> None:
-        if self._phase == 22 and not sys.is_finalizing():
-            self._call(-1, np.zeros(self._matrix.shape[0]))  # free its memory
+        if not sys.is_finalizing():
+            self._analysis.join()
+            self._call(-1, np.zeros(self._matrix.shape[0]))  # free all its memory
 
 
 @cache
@@ -137,6 +152,9 @@ class _SuperLU:
     def solve(self, b: Floats) -> Floats:
         return np.asarray(self._lu.solve(b))
 
+    def free(self) -> None:
+        self._lu = None
+
 
 class _Multigrid:
     """Smoothed aggregation (pyamg), one V-cycle per solve; its memory grows with the number of unknowns only."""
@@ -164,3 +182,6 @@ class _Multigrid:
 
     def solve(self, b: Floats) -> Floats:
         return np.asarray(self._cycle @ b)
+
+    def free(self) -> None:
+        self._cycle = None

@@ -29,8 +29,8 @@ def follow(
     """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors.
 
     Of its results z and inputs have derivatives, by `end` and by the arrays of `system`. They are 0 where the path
-    failed (`status`) and where the tangent is singular (`zero` > 0). Errors: SingularError for a derivative of a
-    singular state, outside of jit and vmap.
+    failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
+    Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
     return _followed(system, z, start, end, valid, from_rest, settings)[0]
 
@@ -75,7 +75,8 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
     tangent = _hold(system, s.z, s.inputs) if K is None else K
     dz = _sensitivity(system, s.z, s.inputs, regular, tangent, of_system, of_inputs, moved=moved, driven=driven)
     nothing, none = jax.tree.map(_nothing, (s, K))
-    known = [jnp.where(regular, dx, 0.0) for dx in of_inputs]
+    # Those of a singular state too: passive tissue at rest hands its constants on to what is loaded from it.
+    known = [jnp.where(s.status == Status.CONVERGED, dx, 0.0) for dx in of_inputs]
     return (s, K), (nothing._replace(z=dz, inputs=_with(nothing.inputs, driven, known)), none)
 
 

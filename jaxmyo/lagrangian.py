@@ -156,8 +156,8 @@ def build(
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
     jacobian = xp.einsum("eai,gaj->egij", points[mesh.cells], dxi, optimize=True)
-    dN = xp.asarray(dxi)[None] @ xp.linalg.inv(jacobian)
-    weight = xp.linalg.det(jacobian) * w[None]
+    inverse, det = _inverse(xp, jacobian)
+    dN, weight = xp.asarray(dxi)[None] @ inverse, det * w[None]
     theta = xp.asarray(N)[None] @ points[mesh.cells]
     g = _at_points(coordinates.g, theta) if coordinates.curved else np.ones(theta.shape)
     weight, dN = weight * xp.prod(g, axis=-1), dN / g[:, :, None, :]
@@ -186,6 +186,14 @@ def build(
     n_and_kinds: dict[str, Any] = {"n_u": ties.size, "n_p": n_p, "n_q": n_q, "kinds": scene.kinds}
     own = geometry is not None
     return System(coordinates=coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
+
+
+def _inverse(xp: Any, A: Any) -> tuple[Any, Any]:
+    """The inverses and the determinants of matrices (..., 3, 3), by cofactors: LAPACK takes ten times as long."""
+    x, y, z = A[..., 0, :], A[..., 1, :], A[..., 2, :]
+    columns = xp.stack([xp.cross(y, z), xp.cross(z, x), xp.cross(x, y)], axis=-1)
+    det = xp.sum(x * columns[..., 0], axis=-1)
+    return columns / det[..., None, None], det
 
 
 def _at_points(function: Any, theta: Any) -> Any:
@@ -316,6 +324,12 @@ def strain_at_rest(system: System, dz: Array) -> Array:
     if system.gradient is not None:
         return jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u])
     du = (system.tie_scale * dz[system.tie_index]).reshape(-1, 3)
+    if not system.coordinates.curved:  # component by component: three times as fast as a product of small matrices
+        nodes, corners = du[system.cells], range(8)
+        columns = [
+            sum(nodes[:, None, a, i] * system.dN[:, :, a, j] for a in corners) for i in range(3) for j in range(3)
+        ]
+        return jnp.stack(columns, axis=-1)
     _, dF = jax.jvp(lambda u: deformation_gradients(system, u), (jnp.zeros_like(du),), (du,))
     return dF.reshape(*dF.shape[:2], 9)
 

@@ -128,7 +128,7 @@ def solve(
             # As exact as Newton's method can use; where it has arrived, the correction only tells the error.
             limit = at.noise.clip(tolerance)
             useful = xp.maximum(0.1 * at.residual, 0.1 * limit / xp.maximum(at.residual, limit))
-            accuracy = xp.where(at.residual <= limit, 0.1, xp.clip(useful, 1e-9, 1e-3))
+            accuracy = xp.where(at.residual <= limit, 0.1, xp.clip(useful, 1e-9, 1e-2))
             delta = -factors.solve(at.r, accuracy, guess)
             size, largest = lin.strain_of(delta)
             with_stress = size + xp.max(xp.abs(delta[lin.system.n_u :]), initial=0.0) / at.modulus

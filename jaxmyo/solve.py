@@ -97,8 +97,8 @@ def load(
     for c in conditions:
         if not isinstance(c, Condition):
             raise TypeError(
-                "a condition must be Stretch, Displacement, Planar, Uniform, Proportional, Homogeneous, Traction, "
-                f"Pressure, BodyForce, Volume or Spring; got {c!r}"
+                "a condition must be Stretch, Displacement, Planar, Uniform, Proportional, Homogeneous, Shear, "
+                f"Traction, Pressure, BodyForce, Volume or Spring; got {c!r}"
             )
     scene, origin = state.scene, state if start is None else start
     loads = tuple(c for c in conditions if not isinstance(c, Tie | Volume))

@@ -24,14 +24,16 @@ from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
 from jaxmyo import checks, factor, lagrangian, linear
-from jaxmyo.assembly import Assembly, upper_diagonals, upper_triangles
+from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
+from jaxmyo.pattern import distinct, same_components, upper_diagonals
 from jaxmyo.ties import rigid_unknowns
 
 EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]
 NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
+SLOW = 0.03  # ratio of the residuals of two iterations from which on a new tangent is worth its assembly [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
 Floats = NDArray[np.float64]
@@ -39,7 +41,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """The saddle matrix at one state z.
+    """The saddle matrix at one state z, under some inputs.
 
     data: (nnz,) upper triangle of A + BᵀWB; loads: (n_u, n_u) derivative of the loads, which A leaves out, or None;
     B: (n_m, n_u); D, W: (n_m,); walls: (n_cavities, n_u) coupling with the pressures in cavities; diagonal: (n_u,) of A
@@ -47,6 +49,7 @@ class Tangent:
     """
 
     z: Floats
+    inputs: Inputs
     data: Floats
     loads: sp.csr_matrix | None
     B: sp.csr_matrix
@@ -73,8 +76,8 @@ class Sparse:
         index, moves = np.asarray(system.tie_index)[dofs], np.asarray(system.tie_scale)[dofs] != 0.0
         # B in CSR: which element entry stands where
         keys = patch.T[:, :, None] * np.int64(n_u) + index[None]
-        self._coupling, self._entry = np.unique(np.where(moves[None], keys, -1), return_inverse=True)
-        self._entry = self._entry.reshape(keys.shape).transpose(1, 2, 0)  # (n_e, 24, multipliers)
+        self._coupling, entry = distinct(np.where(moves[None], keys, -1).reshape(-1))
+        self._entry = entry.reshape(keys.shape).transpose(1, 2, 0)  # (n_e, 24, multipliers)
         several = []
         for own, alone in zip(patch.T, single, strict=True):
             if not alone:
@@ -91,14 +94,16 @@ class Sparse:
         self._metric = self._metric_data()
         self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
         self._volume = np.asarray(self.scale.volume)[n_u : n_u + self.n_m]
-        self.factors = factor.solver(self.pattern, self._rigid)
+        self.factors = factor.solver(self.pattern, self._metric, self._rigid)
         self._stiffness = 0.0  # of the body [kPa]; 0 before it is known
         self._factored: Tangent | None = None
         self._stiffened = False
         self._compared: Tangent | None = None
         self._apart = np.inf
         self._known: tuple[Floats, Inputs, At] | None = None  # a path often begins where the last one ended
-        self._counts = dict.fromkeys(("assemblies", "factorisations", "inner solves", "inner iterations"), 0)
+        self._counts = dict.fromkeys(
+            ("assemblies", "residuals", "factorisations", "inner solves", "inner iterations"), 0
+        )
         self._seconds = dict.fromkeys(("assembly", "factorisation", "inner solves"), 0.0)
 
     @classmethod
@@ -130,10 +135,10 @@ class Sparse:
             by = evaluate(s.coordinates.by_theta, theta.reshape(-1, 3)).reshape(*theta.shape, 3)  # ∂g_j/∂θ_i
             hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
             stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
-        K, scale = np.zeros((len(ids), 24, 24)), self.assembly.scale[ids]
-        for i in range(3):
-            K[:, i::3, i::3] = stiffness[:, i]
-        return upper_triangles(K * scale[:, :, None] * scale[:, None, :])
+        upper, i, a, b = same_components()
+        K, scale = np.zeros((len(ids), 300)), self.assembly.scale[ids]
+        K[:, upper] = stiffness[:, i, a, b] * scale[:, 3 * a + i] * scale[:, 3 * b + i]
+        return K
 
     def _scales(self, diagonal: Floats, index: Any, moves: Any, patch: Any) -> Scales:
         n_u, size = self.system.n_u, np.asarray(self.system.weight).sum(axis=1)
@@ -171,18 +176,44 @@ class Sparse:
         self._seconds[part] += time.perf_counter() - begin
 
     def at(self, z: Floats, inputs: Inputs) -> At:
-        """The residual (n,) and the tangent at z."""
+        """The residual (n,) at z, and the tangent there or, where that serves Newton's method as well, one near by."""
         if self._known is None or not _equal(self._known[:2], (z, inputs)):
-            self._counts["assemblies"] += 1
-            with self._timed("assembly"):
-                self._known = (z, inputs, self._assembled(z, inputs))
+            self._known = (z, inputs, self._by_same_tangent(z, inputs) or self._linearised(z, inputs))
         return self._known[2]
+
+    def tangent(self, z: Floats, inputs: Inputs) -> Tangent:
+        """The tangent at z itself."""
+        K = self.at(z, inputs).K
+        if not np.array_equal(K.z, z):
+            self._known = (z, inputs, self._linearised(z, inputs))
+        return self._known[2].K  # type: ignore[index]
+
+    def _linearised(self, z: Floats, inputs: Inputs) -> At:
+        self._counts["assemblies"] += 1
+        with self._timed("assembly"):
+            return self._assembled(z, inputs)
+
+    def _by_same_tangent(self, z: Floats, inputs: Inputs) -> At | None:
+        """The residual with the tangent that is factorised, if that is near and takes Newton's method on well."""
+        K = self._factored
+        if K is None or self._stiffened or self._known is None:
+            return None
+        last = self._known[2]
+        if last.K is not K or K.inputs is not inputs or self._distance(K, z) > NEAR:
+            return None
+        self._counts["residuals"] += 1
+        with self._timed("assembly"):
+            u = self._displacements(z, inputs)
+            none = jax.tree.map(np.zeros_like, inputs)
+            r, _, least_J = self.assembly.forces(u, z, inputs, np.zeros_like(u), none)
+        at = linear.summary(np, self.system, self.scale, z, r, K.diagonal, np.float64(least_J), K)
+        return at if at.residual <= max(SLOW * last.residual, at.noise) else None
 
     def _assembled(self, z: Floats, inputs: Inputs) -> At:
         s, a, n_u = self.system, self.assembly, self.system.n_u
         u = self._displacements(z, inputs)
         if not self._stiffness:
-            ids, t = next(a.terms(u, z, inputs, 1e-30, self._inside, chunks=1))
+            ids, t = a.first(u, z, inputs, 1e-30, self._inside)
             diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t.K).ravel(), n_u)
             self._stiffness = float(linear.stiffness(np, self.scale, diagonal))
         r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
@@ -216,7 +247,7 @@ class Sparse:
             r -= forces
             r[n_u + self.n_m :] += np.asarray(inputs.volumes) - volumes
             diagonal, walls = diagonal - loads.diagonal(), -by_u
-        K = Tangent(z, data, loads, coupling, D, W, walls, diagonal)
+        K = Tangent(z, inputs, data, loads, coupling, D, W, walls, diagonal)
         return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)
 
     def _displacements(self, z: Floats, inputs: Inputs) -> Floats:
@@ -231,7 +262,8 @@ class Sparse:
     def rates(self, z: Floats, inputs: Inputs, by_t: Inputs, factors: "Factors") -> tuple[Floats, Any]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
         u, du = self._displacements(z, inputs), np.asarray(by_t.offset).reshape(-1, 3)
-        rate = -factors.solve(self.assembly.rates(u, du, z, inputs, by_t), 1e-4)
+        _, change, _ = self.assembly.forces(u, z, inputs, du, by_t)
+        rate = -factors.solve(change, 1e-4)
         return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, by_t))
 
     def factorise(self, at: At, mu: Any, last: Any) -> "Factors":
@@ -267,10 +299,14 @@ class Sparse:
         if self._factored is K or self.factors.inertia[0] < 0:
             return True
         if self._compared is not K:
-            apart = self._factored.z - K.z
-            stress = np.max(np.abs(apart[self.system.n_u :]), initial=0.0)
-            self._compared, self._apart = K, float(self.strain_of(apart)[0]) + stress / self._stiffness
+            self._compared, self._apart = K, self._distance(self._factored, K.z)
         return self._apart <= NEAR
+
+    def _distance(self, K: Tangent, z: Floats) -> float:
+        """Strain, and stress over stiffness, between the state of a tangent and another one."""
+        apart = K.z - z
+        stress = np.max(np.abs(apart[self.system.n_u :]), initial=0.0)
+        return float(self.strain_of(apart)[0]) + float(stress) / self._stiffness
 
     def _factorise(self, K: Tangent, mu: float) -> None:
         """Factors of K, or of K + μ·metric where K is singular."""
@@ -299,7 +335,8 @@ class Sparse:
 
     def release(self) -> None:
         """Free the factors; they are made anew when they are needed."""
-        self.factors, self._factored = factor.solver(self.pattern, self._rigid), None
+        self.factors.free()
+        self._factored = None
 
     def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None, last: bool) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
@@ -368,7 +405,7 @@ def hold(system: System, z: Floats, inputs: Inputs) -> int:
     """The number of the tangent at z, for `solve_held`."""
     sparse = Sparse.of(system)
     handle = max(_held, default=0) + 1
-    _held[handle] = sparse, sparse.at(z, inputs).K
+    _held[handle] = sparse, sparse.tangent(z, inputs)
     for old in list(_held)[:-_HELD_AT_MOST]:
         del _held[old]
     return handle

@@ -16,7 +16,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks, surface
-from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Spring, Stretch, Tie, Uniform
+from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Shear, Spring, Stretch, Tie, Uniform
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.mesh import Mesh
 
@@ -87,6 +87,9 @@ def build(mesh: Mesh, conditions: Sequence[Tie], points: Any = None) -> Ties:
         moved = np.isin(group, group[dofs])
         # What one unit of the condition does to each displacement of these groups.
         offset = offset + jnp.asarray(xp.where(moved, actual / xp.where(moved, actual[one[group]], 1.0), 0.0)) * value
+    for s in conditions:
+        if isinstance(s, Shear):
+            offset = offset.at[mesh.axis(s.axis) :: 3].add(_shear(mesh, s) * jnp.asarray(at[:, mesh.axis(s.to)]))
     moving = np.unique(group[scale != 0.0])
     free = (owner[group] < 0) & np.isin(group, moving)
     unknown = np.unique(group[free])
@@ -124,7 +127,7 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
             moved = np.einsum("qi,qim->qm", normals / np.linalg.norm(normals, axis=1)[:, None], moved)
         blocked.append(moved.reshape(-1, 6))
     rows = np.concatenate(blocked)
-    _, singular, vt = np.linalg.svd(rows, full_matrices=False)
+    _, singular, vt = np.linalg.svd(np.linalg.qr(rows, mode="r"))
     free = vt[singular < 1e-9 * np.sqrt(len(rows))]
     names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in "xyz"]
     return [names[int(np.argmax(np.abs(v)))] for v in free]
@@ -212,6 +215,16 @@ def _value(mesh: Mesh, c: Displacement | Stretch, points: Any) -> Array:
     if jnp.ndim(c.value) != 0:
         raise ValueError(f"{name}: value must be a scalar (mm, rad); got shape {jnp.shape(c.value)}")
     return checks.finite_tree(name, c.value)
+
+
+def _shear(mesh: Mesh, s: Shear) -> Array:
+    if mesh.coordinates.curved:
+        raise ValueError(f"{s} needs Cartesian coordinates; the mesh has {mesh.coordinates.name} ones")
+    if s.axis == s.to:
+        raise ValueError(f"{s}: axis and to must differ; Stretch prescribes a stretch")
+    if jnp.ndim(s.value) != 0:
+        raise ValueError(f"{s}: value must be a scalar (–, the amount of shear); got shape {jnp.shape(s.value)}")
+    return jnp.asarray(checks.finite_tree(f"Shear({s.axis!r}, {s.to!r})", s.value))
 
 
 def _same(a: Array, b: Array) -> bool:

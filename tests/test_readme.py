@@ -12,7 +12,7 @@ def test_examples_of_the_readme(
     monkeypatch.chdir(tmp_path)  # one of them writes a file
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
-    assert len(examples) == 6
+    assert len(examples) == 7
     exec("\n".join(examples), {})
     printed = capsys.readouterr().out
     assert "mean stretches 0.71837, 0.95894, 1.45166" in printed
@@ -20,5 +20,6 @@ def test_examples_of_the_readme(
     assert "2.42515" in printed
     assert "1000 CONVERGED" in printed
     assert "Study of 60 samples (grid: a_over_D 6 × T0 10), 60 converged" in printed
+    assert "C1p = 0.3658" in printed
     names = {"tube.pvd", "C.npz", "study", *(f"tube_{k:04d}.vtu" for k in range(5))}
     assert {file.name for file in (tmp_path / "out").iterdir()} == names

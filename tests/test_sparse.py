@@ -69,7 +69,7 @@ CASES: dict[str, Callable[[], list[jm.State]]] = {
 def solver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """All that solve with a sparse matrix, in turn."""
     if request.param == "SuperLU":
-        monkeypatch.setattr(factor, "solver", lambda pattern, motions: factor._SuperLU(pattern))
+        monkeypatch.setattr(factor, "chosen", lambda n_u: factor._SuperLU)
     elif request.param == "multigrid":
         pytest.importorskip("pyamg")
         monkeypatch.setattr(factor, "HUGE", 0)
@@ -113,4 +113,22 @@ def test_constants_in_another_unit_of_stress(unit: float, monkeypatch: pytest.Mo
     states = [jm.load(jm.contract(s, T0=0.0, a_over_D=None), jm.Stretch("x", 1.2)) for s in (soft, hard)]
     np.testing.assert_allclose(states[1].u, states[0].u, atol=1e-11)
     np.testing.assert_allclose(states[1].p / unit, states[0].p, rtol=1e-9)
+    sparse.forget()
+
+
+def test_near_the_equilibrium_newton_keeps_the_factorised_tangent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its residual is that of a full assembly all the same; what derivatives ask for is the tangent of the state."""
+    monkeypatch.setattr(solve, "LARGE", 0)
+    sparse.forget()
+    state = jm.load(jm.contract(block(), T0=0.0, a_over_D=None), jm.Stretch("x", 1.2))
+    assert int(state.work["residuals"]) >= 1
+    lin = sparse._known[-1]
+    assert lin._known is not None
+    z, inputs, at = lin._known
+    assert not np.array_equal(at.K.z, z)
+    anew = sparse.Sparse(lin.system).at(z, inputs)
+    np.testing.assert_allclose(at.r, anew.r, atol=1e-13)
+    assert float(at.least_J) == pytest.approx(float(anew.least_J), abs=1e-14)
+    assert float(at.residual) <= 1e-13
+    np.testing.assert_allclose(lin.tangent(z, inputs).B.toarray(), anew.K.B.toarray(), atol=1e-14)
     sparse.forget()

@@ -233,3 +233,27 @@ def test_an_error_of_the_folder_stops_the_study(tmp_path: Path, monkeypatch: pyt
 def test_progress(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small(tmp_path, progress=True)
     assert "6/6" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_sample_over_devices(tmp_path: Path) -> None:
+    """States A and C of the thin sample, which call LAPACK: on one device, and on those of four that may run."""
+    script = """
+import sys
+import numpy as np
+import jaxmyo as jm
+from jaxmyo.studies.command import sample_study
+axes = {"a_over_D": np.linspace(0.0, 0.25, 8), "T0": np.linspace(1.0, 60.0, 25), "beta": 1.0}
+found = sample_study(jm.TABLE1, axes, (1.2, 1.2), chunk=32)
+np.savez(sys.argv[1], status=found.status, **found.values)
+"""
+    results = []
+    for devices in (1, 4):
+        flags = {"XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}"}
+        path = tmp_path / f"{devices}.npz"
+        subprocess.run([sys.executable, "-c", script, str(path)], env=os.environ | flags, check=True, timeout=900)
+        results.append(dict(np.load(path)))
+    one, four = results
+    assert not one["status"].any()
+    for name in set(one) - {"residual"}:
+        np.testing.assert_allclose(four[name], one[name], rtol=1e-12, atol=1e-12, err_msg=name)

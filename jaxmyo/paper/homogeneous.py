@@ -13,13 +13,14 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxmyo.compiler import QUICK
 from jaxmyo.scenes import thin_sample
 from jaxmyo.solve import contract
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status, explain
 
 #: The programs of the paper run for milliseconds and compile for seconds: the compiler's cheapest settings.
-COMPILER_OPTIONS: dict[str, str | bool] = {"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": False}
+COMPILER_OPTIONS = QUICK
 
 #: The scene of all of them: one object, so that its states can be joined.
 SAMPLE = thin_sample()
@@ -95,11 +96,15 @@ def contractions(constants: Any, T0: ArrayLike, a_over_D: ArrayLike, beta: Array
 @partial(jax.jit, compiler_options=COMPILER_OPTIONS)
 def _with_weave(constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
     def one(T0: Array, a_over_D: Array, beta: Array) -> State:
-        A = contract(SAMPLE, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False)
-        without_q = A.inputs.imbalance[: A.system.n_u + A.system.n_p]
-        return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf, imbalance=without_q))
+        return without_q(contract(SAMPLE, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False))
 
     return jax.vmap(one)(T0, a_over_D, beta)
+
+
+def without_q(A: State) -> State:
+    """A contraction with the weave as one without: its multiplier has become the tensions T_A; all but its system."""
+    imbalance = A.inputs.imbalance[: A.system.n_u + A.system.n_p]
+    return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf, imbalance=imbalance))
 
 
 @partial(jax.jit, compiler_options=COMPILER_OPTIONS)

@@ -78,9 +78,9 @@ def _axis(option: str, name: str) -> Callable[[str], NDArray[np.float64]]:
             if len(parts) == 1:
                 values = np.array([float(text)])
             else:
-                start, stop, n = float(parts[0]), float(parts[1]), int(*parts[2:])
+                start, stop, n = (kind(part) for kind, part in zip((float, float, int), parts, strict=True))
                 values = np.linspace(start, stop, n)
-        except (ValueError, TypeError):
+        except ValueError:
             raise argparse.ArgumentTypeError(f"{text!r} is neither {RANGE} (as 0:0.25:6) nor a number") from None
         if not np.isfinite(values).all():
             raise argparse.ArgumentTypeError(f"{text!r} is not finite")

@@ -65,6 +65,7 @@ def run(options: argparse.Namespace, started: float) -> int:
     try:
         from jaxmyo.studies import figure
 
+        out.mkdir(parents=True, exist_ok=True)
         _say(f"{n} samples of the thin sample, constants: {options.set}; the first run compiles for a while.")
         found = sample_study(SETS[options.set], given, stretch, out=out, progress=sys.stderr.isatty())
         if jax.process_index():

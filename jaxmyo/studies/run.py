@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from importlib.metadata import version
 from pathlib import Path
+from threading import Semaphore
 from typing import Any
 
 import jax
@@ -70,8 +71,8 @@ def study(
     by = names if derivatives is True else () if derivatives is False else tuple(derivatives)
     evaluation = Evaluation(solve, names, outputs, by)
     every_unit = evaluation.units(units or {})
-    chunk = _chunk(chunk, evaluation)
     n = size(design)
+    chunk = _chunk(chunk, evaluation, n)
     rank, processes = jax.process_index(), jax.process_count()
     kept = None
     if out is not None:
@@ -145,14 +146,18 @@ def _work(
     run = _batched(evaluation, design, chunk, devices, options) if devices else _one_by_one(evaluation, design)
     workers = min(workers, math.ceil(len(todo) / width))
 
+    computing = Semaphore(workers)
+
     def group(ks: list[int]) -> None:
-        for k, arrays in zip(ks, run(ks), strict=True):
+        with computing:
+            found = run(ks)
+        for k, arrays in zip(ks, found, strict=True):
             real = min(chunk, n - k * chunk)
             put(k, {name: x[:real] for name, x in arrays.items()})
             if bar is not None:
                 bar.update(real)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers + 1) as pool:  # one writes while the others compute
         futures = [pool.submit(group, todo[i : i + width]) for i in range(0, len(todo), width)]
         try:
             done, _ = wait(futures, return_when=FIRST_EXCEPTION)
@@ -211,7 +216,7 @@ def _one_by_one(evaluation: Evaluation, design: Design) -> Run:
     return run
 
 
-def _chunk(given: int | None, evaluation: Evaluation) -> int:
+def _chunk(given: int | None, evaluation: Evaluation, n: int) -> int:
     if given is not None and (isinstance(given, bool) or int(given) != given or given < 1):
         raise ValueError(f"chunk = {given} must be an integer ≥ 1, the points that are solved together")
     if evaluation.large:
@@ -221,7 +226,7 @@ def _chunk(given: int | None, evaluation: Evaluation) -> int:
     if given is not None:
         return int(given)
     of_one = 2**13 + 80 * evaluation.unknowns**2  # bytes: ten matrices of the dense Newton loop, and the rest
-    return min(CHUNK, 2 ** max(0, int(math.log2(MEMORY / of_one))))
+    return min(CHUNK, 2 ** max(0, int(math.log2(MEMORY / of_one))), 2 ** math.ceil(math.log2(n)))
 
 
 def _manifest(design: Design, evaluation: Evaluation, units: dict[str, str], chunk: int) -> dict[str, Any]:

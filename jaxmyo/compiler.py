@@ -1,0 +1,4 @@
+"""Settings of JAX's compiler for programs that run for milliseconds and compile for seconds."""
+
+#: The cheapest ones: half the time of compilation, and solves of small bodies are as fast.
+QUICK: dict[str, str | bool] = {"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": False}

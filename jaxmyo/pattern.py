@@ -1,0 +1,126 @@
+"""The sparsity pattern of a large body, found once, and where the entries of each element stand in it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+PART = 1024  # elements whose positions are found together
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Rows and columns of the upper triangle of an element's matrix (24, 24), rows first.
+UPPER = np.triu_indices(24)
+_I, _J = UPPER
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The upper triangle, in CSR, of the displacements that share an element (or a patch), and where entries stand.
+
+    positions: (n_elements, 300) of the upper triangle of an element's matrix, nnz for entries of prescribed
+    displacements; twice: flat positions there of pairs of nodal displacements that are one unknown; keys: (nnz,)
+    row · n_u + column.
+    """
+
+    n_u: int
+    indptr: Ints
+    indices: NDArray[np.int32]
+    keys: Ints
+    positions: NDArray[np.int32]
+    twice: Ints
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries."""
+        return len(self.keys)
+
+    @property
+    def diagonal(self) -> Ints:
+        """Positions of the diagonal."""
+        return self.indptr[:-1]
+
+    def matrix(self, data: Floats) -> sp.csr_matrix:
+        """The upper triangle with these entries."""
+        return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.n_u, self.n_u))
+
+    def full(self, data: Floats) -> sp.csr_matrix:
+        """Both triangles."""
+        upper = self.matrix(data)
+        return (upper + sp.triu(upper, 1).T).tocsr()
+
+    def find(self, rows: NDArray[Any], columns: NDArray[Any]) -> Ints:
+        """Positions of entries of the upper triangle."""
+        return np.searchsorted(self.keys, rows.astype(np.int64) * self.n_u + columns)
+
+    def add_upper(self, data: Floats, ids: Ints, K: Floats) -> None:
+        """Add the upper triangles (n, 300) of the matrices of elements `ids` to the data (nnz + 1,)."""
+        if len(self.twice):
+            first, last = np.searchsorted(self.twice, [300 * ids[0], 300 * (ids[-1] + 1)])
+            K = K.copy()
+            K.reshape(-1)[self.twice[first:last] - 300 * ids[0]] *= 2.0
+        np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
+
+
+def same_components() -> tuple[Ints, Ints, Ints, Ints]:
+    """Where an upper triangle (300,) couples one component i at two nodes a and b: positions, i, a and b."""
+    upper = np.flatnonzero(_I % 3 == _J % 3)
+    return upper, _I[upper] % 3, _I[upper] // 3, _J[upper] // 3
+
+
+def upper_diagonals(K: Floats) -> Floats:
+    """The diagonals (n, 24) of matrices whose upper triangles (n, 300) are given."""
+    return K[:, _I == _J]
+
+
+def distinct(keys: Ints) -> tuple[Ints, NDArray[np.int32]]:
+    """The distinct keys (n,), sorted, and which of them each is: `np.unique` by a sort twice as fast."""
+    order = np.argsort(keys)
+    ordered = keys[order]
+    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    which = np.empty(len(keys), dtype=np.int32)
+    which[order] = np.cumsum(first, dtype=np.int32) - 1
+    return ordered[first], which
+
+
+def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
+    """The pattern of a body; patches: incidence (n_patches, n_u) of patches of several elements, which couple too."""
+    # Pairs of nodes first: there are far fewer of them than pairs of displacements.
+    a, b = np.triu_indices(8)
+    low, high = np.minimum(cells[:, a], cells[:, b]), np.maximum(cells[:, a], cells[:, b])
+    n_nodes = len(tie_index) // 3
+    pairs, pair_of = distinct((low * n_nodes + high).reshape(-1))
+    first, second = np.divmod(pairs, n_nodes)
+    rows = np.broadcast_to((3 * first)[:, None, None] + np.arange(3)[:, None], (len(pairs), 3, 3)).reshape(-1)
+    columns = np.broadcast_to((3 * second)[:, None, None] + np.arange(3), (len(pairs), 3, 3)).reshape(-1)
+    moves = (tie_scale[rows] != 0.0) & (tie_scale[columns] != 0.0)
+    i, j = tie_index[rows], tie_index[columns]
+    keys = np.where(moves, np.minimum(i, j) * n_u + np.maximum(i, j), n_u * n_u)
+    further = [sp.triu(p.T @ p).tocoo() for p in patches]
+    every = np.concatenate([keys, *(f.row.astype(np.int64) * n_u + f.col for f in further)])
+    found, at = distinct(every)
+    if len(found) and found[-1] == n_u * n_u:
+        found = found[:-1]
+    at = at[: len(keys)]
+    # Position of the pair of displacements (node a, component i; node b, component j) of each element, by the place of
+    # the pair of nodes and of the pair of components in it, which is transposed where the second node comes first.
+    number = np.zeros((8, 8), dtype=np.int64)
+    number[a, b] = number[b, a] = np.arange(len(a))
+    number = number[_I // 3, _J // 3]
+    within = np.stack([3 * (_I % 3) + _J % 3, 3 * (_J % 3) + _I % 3]).astype(np.int32)
+    pair = (9 * pair_of).reshape(len(cells), -1)
+    swapped = (cells[:, a] > cells[:, b]).astype(np.int8)
+    positions = np.empty((len(cells), len(_I)), dtype=np.int32)
+    for start in range(0, len(cells), PART):
+        part = slice(start, start + PART)
+        where = pair[part][:, number] + np.where(swapped[part][:, number], within[1], within[0])
+        np.take(at, where, out=positions[part])
+    twice = np.zeros(0, dtype=np.int64)
+    if np.count_nonzero(tie_scale) > n_u:  # some unknowns move several nodal displacements
+        same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
+        twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
+    indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
+    return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)
