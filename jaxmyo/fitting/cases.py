@@ -24,7 +24,7 @@ PASSIVE = ("C1p", "C2p", "C3p", "C4p")
 ACTIVE = ("C1a", "C2a", "C3a", "C4a")
 T0_KPA, A_OVER_D = 0.6, 0.2
 #: Starts of the fit to Table 1, the printed constants among them, and steps of each: its valley is long.
-TABLE1_STARTS, TABLE1_STEPS = 25, 500
+TABLE1_STARTS, TABLE1_STEPS = 25, 300
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from jaxmyo.fitting.parameters import values_at
 from jaxmyo.fitting.problem import MISSED, Predict, Problem, spread
 
 #: A minimum is reached where a Gauss–Newton step would lower the sum of squares by less than this part of it (so that x
-#: is within 1e-5 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
-#: this part of the observations.
-OFFSET, EXACT = 1e-12, 1e-10
+#: is within 1e-4 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
+#: this part of the observations. Much less is below the round-off of the solves.
+OFFSET, EXACT = 1e-10, 1e-10
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
