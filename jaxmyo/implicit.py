@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from jaxmyo import checks, continuation, lagrangian, progress, sparse
+from jaxmyo import checks, continuation, lagrangian, linear, progress, sparse
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
@@ -124,7 +124,7 @@ def _sensitivity(
     def solve(_: Any, b: Array, *, transposed: bool = False) -> Array:
         if system.is_small:
             K = jnp.where(regular, tangent, jnp.eye(len(z)))
-            return jnp.linalg.solve(K.T if transposed else K, b)
+            return linear.factors(K.T if transposed else K).solve(b, None)
         like = jax.ShapeDtypeStruct(b.shape, b.dtype)
         return jax.pure_callback(sparse.solve_held, like, tangent, b, transposed, vmap_method="sequential")
 

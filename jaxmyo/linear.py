@@ -137,6 +137,11 @@ class Factors(NamedTuple):
         return triangular(forward, lower=False)[:, 0]
 
 
+def factors(matrix: Array) -> Factors | tiny.Inverse:
+    """Factors, or the inverse of a tiny matrix."""
+    return tiny.invert(matrix) if len(matrix) <= tiny.ROWS else Factors.of(matrix)
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Dense:
@@ -174,8 +179,7 @@ class Dense:
 
     def factorise(self, at: At, mu: Array, last: Array) -> Factors | tiny.Inverse:
         """Factors of K + μ·metric; μ [kPa] stiffens every strain alike, where the tangent itself has no stiffness."""
-        matrix = at.K + mu * self.metric
-        return tiny.invert(matrix) if self._is_tiny else Factors.of(matrix)
+        return factors(at.K + mu * self.metric)
 
     def nothing(self) -> tuple[Array, Factors | tiny.Inverse]:
         """A tangent and factors to begin a loop with."""
