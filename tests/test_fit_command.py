@@ -16,7 +16,7 @@ def without_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli, "use_compilation_cache", lambda: None)
 
 
-def curves(folder: Path, factor: float = 1.0) -> Path:
+def curves(folder: Path) -> Path:
     """Equibiaxial passive curves of C1p = 0.4 kPa, C4p = 1 and the rest as measured, in MPa."""
     rows = ["protocol,stretch_f,stretch_cf,cauchy_f [MPa],cauchy_cf [MPa]"]
     for s in STRETCHES:
@@ -26,7 +26,7 @@ def curves(folder: Path, factor: float = 1.0) -> Path:
         w1, w4 = e * (6.42 * x - 2.6 * y), e * (-2.6 * x + 2.0 * y)
         cf = 2.0 * w1 * (l2 - l2**-2)
         f = cf + 2.0 * w4 * l2
-        rows.append(f"equi,{s},{s},{f * factor / 1e3!r},{cf * factor / 1e3!r}")
+        rows.append(f"equi,{s},{s},{float(f) / 1e3!r},{float(cf) / 1e3!r}")
     path = folder / "curves.csv"
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
