@@ -395,7 +395,7 @@ def residual(system: System, z: Array, inputs: Inputs) -> Array:
         forces, by_m = jax.vmap(element)(every)
     else:  # what a derivative needs of each block is computed anew, not kept
         forces, by_m = jax.lax.map(jax.checkpoint(element), every, batch_size=256)
-    dofs = (3 * s.cells[:, :, None] + jnp.arange(3)[None, None]).reshape(-1, 24)
+    dofs = (3 * s.cells[:, :, None] + np.arange(3)[None, None]).reshape(-1, 24)
     r = (-inputs.imbalance).at[s.tie_index[dofs]].add(s.tie_scale[dofs] * forces.reshape(-1, 24))
     r = r.at[s.local_multipliers].add(by_m)
     return _add_loads(system, u, system.pressures(z), inputs, r, None)[0] if system.n_u else r

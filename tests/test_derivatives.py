@@ -236,6 +236,7 @@ def _weighed(outputs: Any, status: Any) -> tuple[Any, Any]:
     return jnp.array([1.0, 0.3, 0.1, 0.2]) @ outputs, status
 
 
+@pytest.mark.slow
 def test_hessian_in_a_batch() -> None:
     """Of the fibre tension by (T0, a/D), against the closed form at the same state: jit, vmap and grad compose."""
     scene = jm.thin_sample()

@@ -71,6 +71,7 @@ def test_passive_constants(without_weave: Problem) -> None:
     assert found.rms_of("contracted") > 2.0 * found.rms
 
 
+@pytest.mark.slow
 def test_all_constants(without_weave: Problem) -> None:
     found = fitting.fit(without_weave.fitting(*PASSIVE, *ACTIVE))
     assert found.rms < 0.57
@@ -161,6 +162,7 @@ def neo_hookean(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
     return 0.5 * constants["mu"] * (jnp.trace(C) - 3.0) * (1.0 + beta * constants["gain"])
 
 
+@pytest.mark.slow
 def test_a_law_of_ones_own_in_every_protocol(tmp_path: Path) -> None:
     """Uniaxial, biaxial, shear and control by stress in one file; a constant of each protocol's own."""
     rows = ["protocol,control,stretch_f,stretch_cf,shear_n-cf,nominal_f [kPa],nominal_cf [kPa],nominal_n-cf [kPa]"]

@@ -587,8 +587,8 @@ def test_from_other_values_of_the_same_loads(contracted: jm.State, direct: jm.St
 def paths(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What each solve of a test follows: (system, z, inputs at the start, inputs at the end, ...)."""
     followed: list[Any] = []
-    follow = implicit._follow
-    monkeypatch.setattr(implicit, "_follow", lambda *path, **dials: followed.append(path) or follow(*path, **dials))
+    follow = implicit._compiled
+    monkeypatch.setattr(implicit, "_compiled", lambda *path, **dials: followed.append(path) or follow(*path, **dials))
     return followed
 
 
