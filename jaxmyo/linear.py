@@ -137,9 +137,13 @@ class Factors(NamedTuple):
         return triangular(forward, lower=False)[:, 0]
 
 
+def _is_tiny(size: int) -> bool:
+    return size <= tiny.ROWS
+
+
 def factors(matrix: Array) -> Factors | tiny.Inverse:
     """Factors, or the inverse of a tiny matrix."""
-    return tiny.invert(matrix) if len(matrix) <= tiny.ROWS else Factors.of(matrix)
+    return tiny.invert(matrix) if _is_tiny(len(matrix)) else Factors.of(matrix)
 
 
 @jax.tree_util.register_dataclass
@@ -185,13 +189,9 @@ class Dense:
         """A tangent and factors to begin a loop with."""
         n = self.system.size
         none = jnp.zeros((n, n))
-        if self._is_tiny:
+        if _is_tiny(n):
             return none, tiny.Inverse(none, jnp.zeros(()))
         return none, Factors(none, jnp.zeros(n, dtype="int32"), jnp.zeros(()))
-
-    @property
-    def _is_tiny(self) -> bool:
-        return self.system.size <= tiny.ROWS
 
     def strain_of(self, dz: Array) -> tuple[Array, Array]:
         """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
@@ -221,7 +221,7 @@ class Dense:
         s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
         matrix = s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :]
         limits = 1e-12 * size * jnp.array([-1.0, 1.0])
-        if self._is_tiny:
+        if _is_tiny(size):
             negative, not_positive = tiny.eigenvalues_below(matrix, limits)
         else:
             eigenvalues = jnp.linalg.eigvalsh(matrix)

@@ -21,9 +21,9 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from jaxmyo import energies
+from jaxmyo.compiler import QUICK
 from jaxmyo.hexahedron import gauss
 from jaxmyo.invariants import weave_h
-from jaxmyo.paper.homogeneous import COMPILER_OPTIONS
 from jaxmyo.scenes.tube import RI, RO
 from jaxmyo.status import SolveError
 
@@ -112,7 +112,7 @@ def _newton(step: Any, start: Wall, unknowns: int, *arguments: Any) -> Wall:
     return Wall(float(RI * np.exp(z[0])), float(np.exp(z[1])), *map(float, z[2:]))
 
 
-@partial(jax.jit, static_argnames=("weave",), compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, static_argnames=("weave",), compiler_options=QUICK)
 def _step_A(z: Array, muscle: Muscle, weave: Weave) -> Array:
     def lagrangian(z: Array) -> Array:
         def density(squares: Array) -> Array:
@@ -124,7 +124,7 @@ def _step_A(z: Array, muscle: Muscle, weave: Weave) -> Array:
     return -jnp.linalg.solve(jax.jacfwd(gradient)(z), gradient(z))
 
 
-@partial(jax.jit, static_argnames=("weave",), compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, static_argnames=("weave",), compiler_options=QUICK)
 def _step_C(z: Array, muscle: Muscle, A: Array, pressure: Array, weave: Weave) -> Array:
     z_A = jnp.stack([jnp.log(A[0] / RI), jnp.log(A[1]), A[2]])
     T_f, T_cf = jax.vmap(lambda squares: _tensions(squares, z_A, muscle, weave))(_squares(z_A))

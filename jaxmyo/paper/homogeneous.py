@@ -19,9 +19,6 @@ from jaxmyo.solve import contract
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status, explain
 
-#: The programs of the paper run for milliseconds and compile for seconds: the compiler's cheapest settings.
-COMPILER_OPTIONS = QUICK
-
 #: The scene of all of them: one object, so that its states can be joined.
 SAMPLE = thin_sample()
 
@@ -93,7 +90,7 @@ def contractions(constants: Any, T0: ArrayLike, a_over_D: ArrayLike, beta: Array
     )
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, compiler_options=QUICK)
 def _with_weave(constants: Any, T0: Array, a_over_D: Array, beta: Array) -> State:
     def one(T0: Array, a_over_D: Array, beta: Array) -> State:
         return without_q(contract(SAMPLE, T0=T0, a_over_D=a_over_D, beta=beta, constants=constants, throw=False))
@@ -107,7 +104,7 @@ def without_q(A: State) -> State:
     return replace(A, q=None, inputs=A.inputs._replace(T_f=A.T_f, T_cf=A.T_cf, imbalance=imbalance))
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, compiler_options=QUICK)
 def _without_weave(constants: Any, T0: Array, _: Array, beta: Array) -> State:
     def one(T0: Array, beta: Array) -> State:
         return contract(SAMPLE, T0=T0, a_over_D=None, beta=beta, constants=constants, throw=False)

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxmyo.compiler import QUICK
 from jaxmyo.conditions import Stretch
 from jaxmyo.paper.homogeneous import (
-    COMPILER_OPTIONS,
     CONSTRAINT,
     Point,
     constants_as_arrays,
@@ -93,7 +93,7 @@ def sample(constants: Any) -> Sample:
     return Sample(free, uniaxial, worst(free, uniaxial))
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, compiler_options=QUICK)
 def _states(free: State) -> tuple[Point, Point]:
     """States A: constraint × β; states C: direction × constraint × (β = 1, 0) × stretch; each as one leading axis."""
     n = len(S)

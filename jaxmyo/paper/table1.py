@@ -7,9 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxmyo.compiler import QUICK
 from jaxmyo.conditions import Stretch
 from jaxmyo.paper.homogeneous import (
-    COMPILER_OPTIONS,
     Point,
     constants_as_arrays,
     contractions,
@@ -135,7 +135,7 @@ def _row(a_over_D: float | None, T0: float, A: Point, C: Point, printed_ratio: f
     )
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, compiler_options=QUICK)
 def _states(free: State) -> Point:
     """Of the n states A: themselves, then the states C in the same order: (2n,)."""
     stretched = jax.vmap(lambda A: load(A, Stretch("x", STRETCH), Stretch("y", STRETCH), throw=False))(free)

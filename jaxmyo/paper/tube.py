@@ -16,9 +16,10 @@ import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from jaxmyo.compiler import QUICK
 from jaxmyo.conditions import Pressure
 from jaxmyo.cycle import Cycle, cycle
-from jaxmyo.paper.homogeneous import COMPILER_OPTIONS, CONSTRAINT, constants_as_arrays
+from jaxmyo.paper.homogeneous import CONSTRAINT, constants_as_arrays
 from jaxmyo.paper.sample import HALF, REST, S, activation
 from jaxmyo.scene import Scene
 from jaxmyo.scenes.tube import HEIGHT, radial_tube
@@ -155,7 +156,7 @@ def tube(constants: Any, elements: int = ELEMENTS, s: NDArray[np.float64] = S) -
     return Tube(elements, s, R, A, C, (cycle_with, cycle_without), solve_s, before_s + solve_s)
 
 
-@partial(jax.jit, static_argnames=("scene", "s", "acting"), compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, static_argnames=("scene", "s", "acting"), compiler_options=QUICK)
 def _cycle(constants: Any, scene: Scene, s: tuple[float, ...], acting: bool) -> tuple[Walls, Walls, Cycle]:
     found = traced_cycle(scene, np.array(s), constants, A_OVER_D if acting else None)
     return numbers(found.A), numbers(found.C), found

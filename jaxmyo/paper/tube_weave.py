@@ -14,9 +14,10 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from jaxmyo.compiler import QUICK
 from jaxmyo.paper import exact_tube
 from jaxmyo.paper.exact_tube import Muscle, Pair, Wall, Weave
-from jaxmyo.paper.homogeneous import COMPILER_OPTIONS, constants_as_arrays
+from jaxmyo.paper.homogeneous import constants_as_arrays
 from jaxmyo.paper.tube import (
     A_OVER_D,
     ENDS,
@@ -64,7 +65,7 @@ def soft_weave(constants: Any, elements: int) -> SoftWeave:
     return SoftWeave(elements, *found)
 
 
-@partial(jax.jit, static_argnames=("scene",), compiler_options=COMPILER_OPTIONS)
+@partial(jax.jit, static_argnames=("scene",), compiler_options=QUICK)
 def _states(constants: Any, stiffness: Array, scene: Scene) -> tuple[Walls, Walls]:
     def one(k: Array) -> tuple[Walls, Walls]:
         found = traced_cycle(scene, ENDS, constants, A_OVER_D, k)
