@@ -3,7 +3,7 @@
 Pardiso where it is installed (`jaxmyo[fast]`), else SciPy; pyamg for what the factors of either could not hold.
 """
 
-import copy
+import ctypes
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -27,21 +27,27 @@ class Solver(Protocol):
     """Solves with one symmetric matrix at a time, always of the same pattern (the upper triangle in CSR).
 
     augmentation: the γ, over the stiffness of the body, that suits it; iterations: Krylov iterations that are worth it
-    with the matrix of another tangent, and with its own; inertia: (negative eigenvalues, perturbed pivots) of the
-    matrix, −1 where they are not known; size: of the factors and of the work to make them, as far as it is known.
+    with the matrix of another tangent, and with its own; size: of the factors and of the work to make them, as far as
+    it is known.
     """
 
     name: str
     augmentation: float
     iterations: tuple[int, int]
-    inertia: tuple[int, int]
     size: dict[str, float]
+
+    @property
+    def inertia(self) -> tuple[int, int]:
+        """(negative eigenvalues, perturbed pivots) of the matrix, −1 where they are not known."""
 
     def factorise(self, data: Floats) -> None:
         """Take the matrix with these entries."""
 
     def solve(self, b: Floats) -> Floats:
         """The solution of matrix · x = b, or of multigrid an approximation, linear in b."""
+
+    def sharpen(self) -> bool:
+        """Make the factors more exact, from now on; False if they are as exact as they get."""
 
     def free(self) -> None:
         """Free the factors."""
@@ -70,61 +76,108 @@ def chosen(n_u: int) -> Any:
 
 
 class _Pardiso:
-    """MKL Pardiso, LDLᵀ; pattern and ordering are analysed once, beside what else goes on before the first matrix."""
+    """MKL Pardiso, LDLᵀ; pattern and ordering are analysed once, beside what else goes on before the first matrix.
+
+    The factors are of single precision, half the size and made and applied twice as fast: Krylov iterations make up for
+    it. Where they would not, or where the inertia could be another one, they are of double precision from then on.
+    """
 
     name = "Pardiso"
-    augmentation, iterations = 1e4, (20, 60)
+    augmentation, iterations = 1e3, (20, 60)
 
     def __init__(self, pattern: Pattern, like: Floats) -> None:
-        self._matrix = pattern.matrix(like)
-        self._solver = copy.copy(_pardiso())
-        self._solver.pt = np.zeros_like(self._solver.pt)
-        self._solver.iparm = np.zeros_like(self._solver.iparm)
-        for k, value in _IPARM.items():
-            self._solver.set_iparm(k, value)
-        self._analysis = Thread(target=self._call, args=(11, np.zeros(pattern.n_u)))
-        self._analysis.start()
-        self.inertia = (0, 0)
+        self._matrix, self._like = pattern.matrix(like), like
+        self._ia, self._ja = (x.astype(np.int32) + 1 for x in (self._matrix.indptr, self._matrix.indices))
         self.size: dict[str, float] = {}
+        self._begin(np.float32)
+
+    def _begin(self, dtype: type[np.floating[Any]]) -> None:
+        """Analyse the pattern, for factors of that precision."""
+        self._pt, self._iparm = np.zeros(64, dtype=np.intp), np.zeros(64, dtype=np.int32)
+        self._iparm[np.array(list(_IPARM)) - 1] = list(_IPARM.values())
+        self._iparm[27] = dtype is np.float32
+        self._iparm[9] = 6 if dtype is np.float32 else 13  # pivots are perturbed by 10⁻ᵏ
+        self._dtype, self._inertia, self._is_sure = dtype, (0, 0), True
+        self._values = self._like.astype(dtype)
+        self._analysis = Thread(target=self._call, args=(11,))
+        self._analysis.start()
 
     def factorise(self, data: Floats) -> None:
         self._analysis.join()
-        self._matrix.data = data
-        self._call(22, np.zeros(len(data)))
-        self.inertia = (int(self._solver.get_iparm(23)), int(self._solver.get_iparm(14)))
-        self.size = {"factor GB": 8e-9 * self._solver.get_iparm(18), "factor GFLOP": 1e-3 * self._solver.get_iparm(19)}
+        self._matrix.data, self._values = data, data.astype(self._dtype)
+        self._call(22)
+        self._inertia, self._is_sure = (int(self._iparm[22]), int(self._iparm[13])), self._dtype is np.float64
+        self.size = {
+            "factor GB": 1e-9 * self._values.itemsize * self._iparm[17],
+            "factor GFLOP": 1e-3 * self._iparm[18],
+        }
+
+    @property
+    def inertia(self) -> tuple[int, int]:
+        if not self._is_sure and (self._inertia[1] or not self._deviation() <= 0.5):
+            self.sharpen()
+        self._is_sure = True
+        return self._inertia
+
+    def _deviation(self) -> float:
+        """The spectral radius of I − M⁻¹A, M the product of the factors: less than 1, they have the inertia of A."""
+        upper = self._matrix
+        diagonal, radius = upper.diagonal(), 0.0
+        x = np.random.default_rng(0).normal(size=len(diagonal))
+        for _ in range(3):
+            x = x / np.linalg.norm(x)
+            x = x - self.solve(upper @ x + upper.T @ x - diagonal * x)
+            radius = float(np.linalg.norm(x))
+        return radius
+
+    def sharpen(self) -> bool:
+        if self._dtype is np.float64:
+            return False
+        self._call(-1)
+        self._begin(np.float64)
+        self.factorise(self._matrix.data)
+        return True
 
     def solve(self, b: Floats) -> Floats:
-        return self._call(33, b)
+        return self._call(33, b.astype(self._dtype)).astype(np.float64)
 
-    def _call(self, phase: int, b: Floats) -> Floats:
-        # Its public methods hash the matrix at every call, to see whether it is the one that was factorised.
-        self._solver.set_phase(phase)
-        return np.asarray(
-            self._solver._call_pardiso(self._matrix, np.asfortranarray(b[: self._matrix.shape[0], None]))
-        )[:, 0]
+    def _call(self, phase: int, b: Any = None) -> Any:
+        """One phase of Pardiso."""
+        # The methods of pypardiso know double precision only, and hash the matrix at every call.
+        n, none = len(self._ia) - 1, np.zeros(1, dtype=np.int32)
+        b = np.zeros(n, dtype=self._dtype) if b is None else b
+        x, one, error = np.zeros_like(b), np.ones(1, dtype=np.int32), np.zeros(1, dtype=np.int32)
+        kind, which, size = (np.array([k], dtype=np.int32) for k in (-2, phase, n))
+        counts, matrix = (self._pt, one, one, kind, which, size), (self._values, self._ia, self._ja, none)
+        arrays = (*counts, *matrix, one, self._iparm, none, b, x, error)
+        _pardiso()(*(ctypes.c_void_p(a.ctypes.data) for a in arrays))
+        if error[0]:
+            raise RuntimeError(f"Pardiso failed with its error {error[0]} in phase {phase}")
+        return x
 
     def free(self) -> None:
         self._analysis.join()
-        self._call(0, np.zeros(self._matrix.shape[0]))  # of the factors; pattern and ordering stay
+        self._call(0)  # of the factors; pattern and ordering stay
 
     def __del__(self) -> None:
         if not sys.is_finalizing():
             self._analysis.join()
-            self._call(-1, np.zeros(self._matrix.shape[0]))  # free all its memory
+            self._call(-1)  # free all its memory
 
 
 @cache
 def _pardiso() -> Any:
-    """A solver to copy: to find the library takes a fifth of a second."""
+    """The function of MKL. To find the library takes a fifth of a second."""
     from pypardiso import PyPardisoSolver
 
-    return PyPardisoSolver(mtype=-2)
+    function = PyPardisoSolver(mtype=-2).libmkl["pardiso"]
+    function.restype = None
+    return function
 
 
-#: Pardiso: own settings; nested dissection; no refinement; pivots perturbed by 1e-13; scaling and matching for
-#: indefinite matrices; two-level parallel factorisation.
-_IPARM = {1: 1, 2: 3, 8: 0, 10: 13, 11: 1, 13: 1, 18: -1, 19: -1, 24: 1}
+#: Pardiso: own settings; nested dissection; no refinement; scaling and matching for indefinite matrices; two-level
+#: parallel factorisation.
+_IPARM = {1: 1, 2: 3, 8: 0, 11: 1, 13: 1, 18: -1, 19: -1, 24: 1}
 
 
 class _SuperLU:
@@ -151,6 +204,9 @@ class _SuperLU:
 
     def solve(self, b: Floats) -> Floats:
         return np.asarray(self._lu.solve(b))
+
+    def sharpen(self) -> bool:
+        return False
 
     def free(self) -> None:
         self._lu = None
@@ -182,6 +238,9 @@ class _Multigrid:
 
     def solve(self, b: Floats) -> Floats:
         return np.asarray(self._cycle @ b)
+
+    def sharpen(self) -> bool:
+        return False
 
     def free(self) -> None:
         self._cycle = None

@@ -319,19 +319,17 @@ def volume_ratios(system: System, u: Array) -> Array:
     return jax.vmap(jax.vmap(lambda y: volume_ratio(system.coordinates, y)))(kinematics(system, u))
 
 
-def strain_at_rest(system: System, dz: Array) -> Array:
-    """∂F (n_elements, n_points, 9) [–] at rest for a change dz of the unknowns."""
+def square_of_strain(system: System, dz: Array) -> Array:
+    """|∂F|² (n_elements, n_points) [–] at rest for a change dz of the unknowns."""
     if system.gradient is not None:
-        return jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u])
+        return jnp.sum(jnp.einsum("egia,ea->egi", system.gradient, dz[system.local_u]) ** 2, axis=-1)
     du = (system.tie_scale * dz[system.tie_index]).reshape(-1, 3)
-    if not system.coordinates.curved:  # component by component: three times as fast as a product of small matrices
-        nodes, corners = du[system.cells], range(8)
-        columns = [
-            sum(nodes[:, None, a, i] * system.dN[:, :, a, j] for a in corners) for i in range(3) for j in range(3)
-        ]
-        return jnp.stack(columns, axis=-1)
+    if not system.coordinates.curved:  # component by component: four times as fast as a product of small matrices
+        nodes, dN, axes = du[system.cells][:, None], system.dN, range(3)
+        components: Any = [sum(nodes[..., a, i] * dN[..., a, j] for a in range(8)) for i in axes for j in axes]
+        return sum(component**2 for component in components)
     _, dF = jax.jvp(lambda u: deformation_gradients(system, u), (jnp.zeros_like(du),), (du,))
-    return dF.reshape(*dF.shape[:2], 9)
+    return jnp.sum(dF**2, axis=(-2, -1))
 
 
 def at_point(

@@ -98,7 +98,7 @@ def scales(system: System, metric_diagonal: Array) -> Scales:
 @jax.jit
 def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
     """Root mean square and maximum over the body of |∂F| [–] for a change dz of the unknowns at rest."""
-    square = jnp.sum(lagrangian.strain_at_rest(system, dz) ** 2, axis=-1)
+    square = lagrangian.square_of_strain(system, dz)
     return jnp.sqrt(jnp.sum(system.weight * square) / jnp.sum(system.weight)), jnp.sqrt(jnp.max(square))
 
 

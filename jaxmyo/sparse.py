@@ -346,6 +346,8 @@ class Sparse:
         if not off <= accuracy and self._factored is not K:
             self._factorise(K, mu)
             x, off = self._krylov(K, mu, b, accuracy, x)
+        if not off <= accuracy and self.factors.sharpen():
+            x, off = self._krylov(K, mu, b, accuracy, x)
         return x if off <= accuracy else np.full(b.shape, np.nan)
 
     def solve_exactly(self, K: Tangent, b: Floats) -> tuple[Floats, float]:
@@ -355,6 +357,8 @@ class Sparse:
             x, off = self._krylov(K, 0.0, b, 1e-12, None)
         if not off <= EXACT and self._factored is not K:
             self._factorise(K, 0.0)
+            x, off = self._krylov(K, 0.0, b, 1e-12, None)
+        if not off <= EXACT and self.factors.sharpen():
             x, off = self._krylov(K, 0.0, b, 1e-12, None)
         return x, off
 

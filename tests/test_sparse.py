@@ -103,6 +103,26 @@ def test_states_are_those_of_the_dense_solver(
         assert int(state.negative_eigenvalues) == unstable
 
 
+@pytest.mark.parametrize(("beyond", "negative"), [(1e-9, 1), (-1e-9, 0)])
+def test_single_precision_gives_way_where_it_cannot_tell_the_inertia(
+    beyond: float, negative: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pypardiso")
+    monkeypatch.setattr(solve, "LARGE", 0)
+    of_block = sparse.Sparse.of(jm.contract(block(), T0=0.0, a_over_D=None).system)
+    pattern, metric = of_block.pattern, of_block._metric
+    data = metric.copy()  # all but singular
+    data[pattern.diagonal] -= (1.0 + beyond) * np.linalg.eigvalsh(pattern.full(metric).toarray())[0]
+    solver = factor.solver(pattern, metric, of_block._rigid)
+    solver.factorise(data)
+    single = solver.size["factor GB"]
+    assert solver.inertia == (negative, 0)
+    assert solver.size["factor GB"] == 2.0 * single
+    assert not solver.sharpen()
+    x = np.linspace(0.0, 1.0, pattern.n_u)
+    np.testing.assert_allclose(solver.solve(pattern.full(data) @ x), x, atol=1e-4)
+
+
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_constants_in_another_unit_of_stress(unit: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The augmentation goes by the stiffness of the body, whatever that is."""
