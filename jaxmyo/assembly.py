@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from jax import Array
 
-from jaxmyo import lagrangian, surface
+from jaxmyo import compiler, lagrangian, surface
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.pattern import UPPER, Floats, Ints, pattern
 
@@ -67,7 +67,7 @@ def _in_blocks(function: Callable[[Any], Any], arrays: Any) -> Any:
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(function, split))
 
 
-@partial(jax.jit, static_argnames=("inside",))
+@partial(jax.jit, static_argnames=("inside",), compiler_options=compiler.LEAN)
 def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: Any, inside: tuple[bool, ...]) -> Terms:
     """The terms of a chunk. u: (n_nodes, 3); m: (n_elements, multipliers); inputs: with the tensions of the chunk.
 
@@ -109,7 +109,7 @@ def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: A
     return _in_blocks(block, (e, m, inputs.T_f, inputs.T_cf))
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=compiler.LEAN)
 def _forces(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any, Any]:
     """The first derivatives of a chunk alone, their change with u and the inputs, and the smallest det F.
 
