@@ -83,7 +83,7 @@ class _Pardiso:
     """
 
     name = "Pardiso"
-    augmentation, iterations = 1e3, (20, 60)
+    augmentation, iterations = 3e3, (20, 60)
 
     def __init__(self, pattern: Pattern, like: Floats) -> None:
         self._matrix, self._like = pattern.matrix(like), like

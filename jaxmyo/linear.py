@@ -221,11 +221,8 @@ class Dense:
         s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
         matrix = s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :]
         limits = 1e-12 * size * jnp.array([-1.0, 1.0])
-        if _is_tiny(size):
-            negative, not_positive = tiny.eigenvalues_below(matrix, limits)
-        else:
-            eigenvalues = jnp.linalg.eigvalsh(matrix)
-            negative, not_positive = jnp.sum(eigenvalues[None] < limits[:, None], axis=1)
+        diagonals = tiny.tridiagonal(matrix) if _is_tiny(size) else jax.lax.linalg.tridiagonal(matrix)[1:3]
+        negative, not_positive = tiny.eigenvalues_below(*diagonals, limits)
         return negative - (size - n_u), not_positive - negative
 
 

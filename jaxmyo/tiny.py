@@ -45,11 +45,8 @@ def invert(A: Array) -> Inverse:
     return Inverse(M[:, n:], sign)
 
 
-def eigenvalues_below(A: Array, limits: Array) -> Array:
-    """How many eigenvalues of a symmetric matrix (n, n) are below each limit (m,): (m,).
-
-    Householder's tridiagonal form, and the signs of its Sturm sequences.
-    """
+def tridiagonal(A: Array) -> tuple[Array, Array]:
+    """The diagonal (n,) and the one beside it (n − 1,) of a matrix similar to a symmetric one, by Householder."""
     n = len(A)
     rows = jnp.arange(n)
 
@@ -66,8 +63,12 @@ def eigenvalues_below(A: Array, limits: Array) -> Array:
         return A - v[:, None] * w[None] - w[:, None] * v[None]
 
     A = jax.lax.fori_loop(0, n - 2, reflect, A)
-    diagonal, beside = jnp.diagonal(A), jnp.concatenate([jnp.zeros(1), jnp.diagonal(A, 1)])
-    least = jnp.finfo(A.dtype).tiny
+    return jnp.diagonal(A), jnp.diagonal(A, 1)
+
+
+def eigenvalues_below(diagonal: Array, beside: Array, limits: Array) -> Array:
+    """How many eigenvalues of a symmetric tridiagonal matrix are below each limit (m,), by its Sturm sequences: (m,)."""
+    least = jnp.finfo(diagonal.dtype).tiny
 
     def term(at: tuple[Array, Array], row: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
         count, last = at
@@ -75,7 +76,7 @@ def eigenvalues_below(A: Array, limits: Array) -> Array:
         return (count + (q < 0.0).astype(count.dtype), q), None
 
     start = jnp.zeros(len(limits), dtype=int), jnp.ones_like(limits)
-    (count, _), _ = jax.lax.scan(term, start, (diagonal, beside))
+    (count, _), _ = jax.lax.scan(term, start, (diagonal, jnp.concatenate([jnp.zeros(1), beside])))
     return count
 
 

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -58,28 +59,50 @@ def free_compiled_programs() -> Iterator[None]:
     gc.collect()
 
 
-@pytest.fixture(scope="session")
-def paper_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("paper")
-
-
-@pytest.fixture(scope="session")
-def run_jaxmyo(paper_folder: Path) -> Command:
-    """As a user runs it: in a process of its own, in `paper_folder`, with a cache directory of its own there."""
+def jaxmyo_in(folder: Path) -> Command:
+    """As a user runs it: in a process of its own, in a folder, with a cache directory of its own there."""
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        own = {"XDG_CACHE_HOME": str(paper_folder / "cache")}
+        own = {"XDG_CACHE_HOME": str(folder / "cache")}
         environment = {n: v for n, v in os.environ.items() if n != "JAX_COMPILATION_CACHE_DIR"} | own
         command = [sys.executable, "-m", "jaxmyo", *arguments]
-        return subprocess.run(command, cwd=paper_folder, env=environment, capture_output=True, text=True)
+        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
     return run
 
 
 @pytest.fixture(scope="session")
-def paper_run(run_jaxmyo: Command) -> subprocess.CompletedProcess[str]:
-    """The run with all sets, which compiles; it writes into `paper_folder`/all."""
-    return run_jaxmyo("paper", "--json", "--out", "all")
+def paper_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for both workers."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "paper"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run_jaxmyo(paper_folder: Path) -> Command:
+    """The command, in `paper_folder`."""
+    return jaxmyo_in(paper_folder)
+
+
+@pytest.fixture(scope="session")
+def paper_run(paper_folder: Path, run_jaxmyo: Command) -> subprocess.CompletedProcess[str]:
+    """The run with all sets, which compiles; it writes into `paper_folder`/all. One worker runs it, for the other."""
+    begun, kept = paper_folder / "begun", paper_folder / "run.json"
+    try:
+        begun.mkdir()
+    except FileExistsError:
+        end = time.monotonic() + 1800.0
+        while not kept.exists():
+            assert time.monotonic() < end, "the other worker did not finish `jaxmyo paper`"
+            time.sleep(0.5)
+        return subprocess.CompletedProcess(**json.loads(kept.read_text(encoding="utf-8")))
+    run = run_jaxmyo("paper", "--json", "--out", "all")
+    part = kept.with_suffix(".part")
+    part.write_text(json.dumps(vars(run)), encoding="utf-8")
+    part.rename(kept)
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, jaxmyo_in
 
 from jaxmyo import cli
 
@@ -16,8 +16,18 @@ GRID = ("study", "--a-over-D", "0:0.2:3", "--T0", "5:35:4", "--out", "study")
 
 
 @pytest.fixture(scope="module")
-def first(run_jaxmyo: Command) -> dict[str, Any]:
-    done = run_jaxmyo(*GRID, "--json")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> Command:
+    return jaxmyo_in(folder)
+
+
+@pytest.fixture(scope="module")
+def first(run: Command) -> dict[str, Any]:
+    done = run(*GRID, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -37,23 +47,22 @@ def test_the_object_of_json(first: dict[str, Any]) -> None:
     assert [Path(file).name for file in first["files"]] == ["study.csv", "study.nc", "study.png"]
 
 
-def test_files(first: dict[str, Any], paper_folder: Path) -> None:
-    folder = paper_folder / "study"
-    with (folder / "study.csv").open(encoding="utf-8") as file:
+def test_files(first: dict[str, Any], folder: Path) -> None:
+    with (folder / "study" / "study.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:4] == ["a_over_D", "T0_kPa", "beta", "lambda_f"]
     assert [float(row["sigma22_kPa"]) for row in rows] == np.ravel(first["outputs"]["sigma22"]).tolist()
-    assert (folder / "study.png").read_bytes().startswith(b"\x89PNG")
-    assert (folder / "study.nc").read_bytes().startswith(b"CDF\x02")
+    assert (folder / "study" / "study.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "study" / "study.nc").read_bytes().startswith(b"CDF\x02")
 
 
-def test_another_run_goes_on(first: dict[str, Any], paper_folder: Path, run_jaxmyo: Command) -> None:
+def test_another_run_goes_on(first: dict[str, Any], folder: Path, run: Command) -> None:
     """In another process, with other hashes of Python's: the same study, nothing is computed."""
-    chunk = paper_folder / "study" / "chunk-000000.npz"
+    chunk = folder / "study" / "chunk-000000.npz"
     before = chunk.stat().st_mtime_ns
     os.environ["PYTHONHASHSEED"] = "7"
     try:
-        done = run_jaxmyo(*GRID)
+        done = run(*GRID)
     finally:
         del os.environ["PYTHONHASHSEED"]
     assert done.returncode == 0, done.stderr
@@ -61,8 +70,8 @@ def test_another_run_goes_on(first: dict[str, Any], paper_folder: Path, run_jaxm
     assert chunk.stat().st_mtime_ns == before
 
 
-def test_the_folder_of_another_study(first: dict[str, Any], run_jaxmyo: Command) -> None:
-    done = run_jaxmyo(*GRID, "--set", "measured")
+def test_the_folder_of_another_study(first: dict[str, Any], run: Command) -> None:
+    done = run(*GRID, "--set", "measured")
     assert done.returncode == 1
     assert "out = study has another study; it differs in:\n  scenes, 0, constants" in done.stderr
     assert done.stdout == ""
