@@ -67,7 +67,7 @@ def tridiagonal(A: Array) -> tuple[Array, Array]:
 
 
 def eigenvalues_below(diagonal: Array, beside: Array, limits: Array) -> Array:
-    """How many eigenvalues of a symmetric tridiagonal matrix are below each limit (m,), by its Sturm sequences: (m,)."""
+    """How many eigenvalues of a symmetric tridiagonal matrix are below each limit (m,), by Sturm sequences: (m,)."""
     least = jnp.finfo(diagonal.dtype).tiny
 
     def term(at: tuple[Array, Array], row: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:

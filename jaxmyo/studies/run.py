@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from threading import Semaphore
@@ -25,6 +26,9 @@ from jaxmyo.studies.store import Store
 
 #: Points that are solved together, if they are small, and the bytes that larger ones may take.
 CHUNK, MEMORY = 1024, 2**28
+
+#: Of these so many run in step: all of them wait for the slowest, and more would not stay in the cache.
+STEP = 64
 
 #: Where several programs run at a time on a CPU, each runs in one thread: faster than to split many small operations.
 ALONE: dict[str, str | bool] = {"xla_cpu_multi_thread_eigen": False}
@@ -189,7 +193,7 @@ def _batched(
 ) -> Run:
     """Chunks as one compiled program, one chunk on each device; a chunk's numbers do not depend on where it runs."""
     n, width = size(design), len(devices)
-    batch: Any = jax.vmap(evaluation)
+    batch: Any = partial(jax.lax.map, evaluation, batch_size=STEP if chunk % STEP == 0 else chunk)
     if width > 1:
         along = PartitionSpec("devices")
         batch = jax.shard_map(
