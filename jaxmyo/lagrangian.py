@@ -443,6 +443,11 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
     return _add_loads(system, u, system.pressures(z), inputs, r, K) if system.n_u else (r, K)
 
 
+def residual_alone(system: System, z: Array, inputs: Inputs) -> Array:
+    """The residual (n,) as `residual_and_tangent` has it; the compiler leaves the tangent out."""
+    return residual_and_tangent(system, z, inputs)[0]
+
+
 def enclosed(system: System, u: Any) -> Array:
     """The volumes (n_cavities,) [mm³] of the cavities at displacements u (n_nodes, 3)."""
     each = [surface.enclosed(system.coordinates, wall, system.points + u) for wall in system.cavities]
