@@ -124,7 +124,8 @@ def load(
     same = len(origin.cavity_pressures) == len(walls)
     z = jnp.concatenate([z_u, origin.p, origin.cavity_pressures if same else jnp.zeros(len(walls))])
     if start is not None:
-        begin = begin._replace(imbalance=residual(system, z, begin))
+        at_start = jax.lax.stop_gradient((system, z, begin))  # where a path begins has no part in derivatives
+        begin = begin._replace(imbalance=residual(*at_start))
     return _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
 
 
