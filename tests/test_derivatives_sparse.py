@@ -12,6 +12,7 @@ import jaxmyo as jm
 from jaxmyo import factor, solve, sparse
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
+from jaxmyo.status import SingularError
 
 STEP = 0.01
 
@@ -149,6 +150,27 @@ def test_second_derivatives_and_the_dense_ones(monkeypatch: pytest.MonkeyPatch) 
     slope = richardson(lambda h: dot(jax.grad(output)(moved(INPUTS, h)), ALONG))
     np.testing.assert_allclose(dot(found[1], ALONG), slope, rtol=1e-5)
     sparse.forget()
+
+
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_where_there_is_none(sparse_only: None) -> None:
+    """At rest nothing resists shear, which is an error; what failed has derivatives 0 and a status, or raises."""
+    passive = jm.Scene(MESH, jm.lin_yin, jm.TABLE1, supports=SCENE.supports)
+
+    def corner(T0: Any, beta: Any, throw: bool = False) -> tuple[Any, Any]:
+        A = jm.contract(passive, T0=T0, a_over_D=None, beta=beta, throw=throw)
+        return A.u[4, 1], A.status
+
+    at_rest = jm.contract(passive, T0=1.0, a_over_D=None, beta=0.0)
+    assert (at_rest.negative_eigenvalues, at_rest.zero_eigenvalues) == (0, 1)
+    with pytest.raises(SingularError, match=r"no derivative: its tangent has \d+ mode\(s\) without stiffness"):
+        jax.grad(corner, argnums=1, has_aux=True)(1.0, 0.0)
+    for T0 in (-1.0, np.nan):
+        slopes, status = jax.grad(corner, argnums=(0, 1), has_aux=True)(T0, 0.5)
+        assert status == jm.Status.INVALID_INPUT
+        assert slopes == (0.0, 0.0)
+        with pytest.raises(jm.SolveError, match="INVALID_INPUT"):
+            jax.grad(lambda T0: corner(T0, 0.5, throw=True)[0])(T0)
 
 
 @pytest.mark.slow
