@@ -111,6 +111,18 @@ def tree_is_finite(tree: Any) -> Array:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)] or [jnp.array(True)]))
 
 
+def finite_or_zero(tree: Any) -> tuple[Any, Array]:
+    """A pytree with 0 for every traced number that is not finite, and whether all of the traced ones are finite.
+
+    In a derivative, 0 · NaN would come back.
+    """
+    traced = [leaf for leaf in jax.tree.leaves(tree) if is_traced(leaf)]
+    if not traced:
+        return tree, jnp.array(True)
+    clean = jax.tree.map(lambda x: jnp.where(jnp.isfinite(x), x, 0.0) if is_traced(x) else x, tree)
+    return clean, tree_is_finite(traced)
+
+
 def counts(name: str, value: Any, n: int) -> tuple[int, ...]:
     """n integers ≥ 1, or an error that names the argument."""
     if np.shape(value) != (n,) or any(int(v) != v or v < 1 for v in value):

@@ -81,7 +81,7 @@ def follow(
     """
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (start, end))
+    z, start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, start, end))
 
     def fraction(t: Array) -> Array:
         return xp.where((t >= 1.0) | ~from_rest, t, 0.01 * t + 0.99 * t**3)

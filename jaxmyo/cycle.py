@@ -65,7 +65,7 @@ def cycle(
         for c in conditions:
             if not isinstance(c, Condition):
                 raise TypeError(f"loads({t:g}) must be conditions as `load` is given; got {c!r}")
-    stacked = jax.tree.map(_stack, *every)
+    stacked, finite = checks.finite_or_zero(jax.tree.map(_stack, *every))
     system_A, inputs, valid = contraction(scene, T0, a_over_D, betas[0], weave_stiffness, constants)
     on_faces = tuple(c for c in every[0] if not isinstance(c, Tie | Volume))
     surfaces, unloaded = surface.build(scene.mesh, (*scene.springs, *jax.tree.map(lambda _: 0.0, on_faces)))
@@ -78,7 +78,7 @@ def cycle(
         return _Step(beta, _ties(scene, conditions).offset, loads, surface.cavities(scene.mesh, conditions)[1])
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
-    valid = valid & jnp.all(checks.within(plan.beta, "beta"))
+    valid = valid & finite & jnp.all(checks.within(plan.beta, "beta"))
     run = _run if system_A.is_small and system_C.is_small else _run_on_host
     found_A, found_C = run(_Problem(system_A, system_C, inputs, unloaded, plan, valid), settings)
     A = _states(scene, system_A, found_A, ())
@@ -148,6 +148,8 @@ def _steps(
             lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
         )
         C = follow(system_C, z, begin, end, valid & found, jnp.array(False), settings)
+        zero = jnp.maximum(C.zero, A.zero) if system_A.weave else C.zero
+        C = C._replace(status=jnp.where(found, C.status, A.status), zero=zero)  # as in `load`
         return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)
 
     rest = inputs._replace(beta=jnp.zeros(()))

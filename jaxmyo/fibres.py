@@ -17,6 +17,8 @@ from jaxmyo.mesh import Mesh
 
 #: What passes silently: a length that is off 1 by so much [–], an angle that is off 90° by so much [rad].
 ROUNDING = 1e-3
+#: The length of a vector up to which it has no direction [–].
+SHORT = 1e-6
 
 
 def frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> NDArray[np.float64]:
@@ -44,24 +46,36 @@ def frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> NDArra
     return np.stack([f, c, np.cross(f, c)], axis=-2)
 
 
-def traced_frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> Array:
-    """The same frame, of vectors that JAX traces. What has no direction gives NaN."""
+def traced_frame(mesh: Mesh, xi: NDArray[np.float64], fibre: Any, cross: Any) -> tuple[Array, Array]:
+    """The same frame, of vectors that JAX traces, and whether all of them have a direction.
+
+    Those that have none, which are errors of `frame`, are replaced, so that no derivative by them is NaN.
+    """
     N = shape(xi)
-    f, c = (_spread(name, jnp.asarray(v, dtype=float), mesh, N) for name, v in (("fibre", fibre), ("cross", cross)))
-    f = f / jnp.linalg.norm(f, axis=-1, keepdims=True)
-    c = c - jnp.sum(f * c, axis=-1, keepdims=True) * f
-    c = c / jnp.linalg.norm(c, axis=-1, keepdims=True)
-    return jnp.stack([f, c, jnp.cross(f, c)], axis=-2)
+    f, f_good = _traced_directions("fibre", fibre, mesh, N)
+    c, c_good = _traced_directions("cross", cross, mesh, N)
+    c, good = _traced_unit(c - jnp.sum(f * c, axis=-1, keepdims=True) * f, ROUNDING)
+    return jnp.stack([f, c, jnp.cross(f, c)], axis=-2), f_good & c_good & good
 
 
-def _spread(name: str, array: Any, mesh: Mesh, N: NDArray[np.float64]) -> Any:
-    """Vectors at the points (n_elements, n_points, 3)."""
+def _traced_directions(name: str, value: Any, mesh: Mesh, N: NDArray[np.float64]) -> tuple[Array, Array]:
+    """Unit vectors at the points (n_elements, n_points, 3), and whether all were vectors with a direction."""
+    array, good = jnp.asarray(value, dtype=float), jnp.array(True)
     _check_shape(name, array.shape, mesh, len(N))
     if array.shape == (len(mesh.points), 3):
-        nodes = array / jnp.linalg.norm(array, axis=-1, keepdims=True)
-        return jnp.einsum("ga,eai->egi", N, nodes[mesh.cells])
-    full = (len(mesh.cells), len(N), 3)
-    return jnp.broadcast_to(array[:, None] if array.ndim == 2 else array[(None,) * (3 - array.ndim)], full)
+        nodes, good = _traced_unit(array)
+        array = jnp.einsum("ga,eai->egi", N, nodes[mesh.cells])
+    array = array[:, None] if array.ndim == 2 else array[(None,) * (3 - array.ndim)]
+    unit, also = _traced_unit(array)
+    return jnp.broadcast_to(unit, (len(mesh.cells), len(N), 3)), good & also
+
+
+def _traced_unit(vectors: Array, least: float = SHORT) -> tuple[Array, Array]:
+    """Vectors (..., 3) of unit length, and whether all were long enough; those that were not become (1, 1, 1)/√3."""
+    square = jnp.sum(vectors**2, axis=-1, keepdims=True)
+    good = (square > least**2) & jnp.isfinite(square)
+    vectors = jnp.where(good, vectors, 1.0)
+    return vectors / jnp.linalg.norm(vectors, axis=-1, keepdims=True), jnp.all(good)
 
 
 def _check_shape(name: str, shape: tuple[int, ...], mesh: Mesh, n_points: int) -> None:
@@ -110,7 +124,7 @@ def _directions(
 def _unit(name: str, vectors: NDArray[np.float64], place: str, *, warn: bool = True) -> NDArray[np.float64]:
     """Vectors (..., 3) of unit length; an error for zero, NaN and infinity, which says where."""
     length = np.linalg.norm(vectors, axis=-1)
-    if not (good := (length > 1e-6) & np.isfinite(length)).all():
+    if not (good := (length > SHORT) & np.isfinite(length)).all():
         where = _first(~good)
         raise ValueError(
             f"{name} must be vectors with a direction, finite and not zero; got {vectors[where]} in "

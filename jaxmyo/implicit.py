@@ -126,7 +126,7 @@ def _sensitivity(
             K = jnp.where(regular, tangent, jnp.eye(len(z)))
             return linear.factors(K.T if transposed else K).solve(b, None)
         like = jax.ShapeDtypeStruct(b.shape, b.dtype)
-        return jax.pure_callback(sparse.solve_held, like, tangent, b, transposed, vmap_method="sequential")
+        return jax.pure_callback(sparse.solve_held, like, tangent, b, transposed, regular, vmap_method="sequential")
 
     return -jax.lax.custom_linear_solve(apply, dr, solve, partial(solve, transposed=True))
 

@@ -22,7 +22,7 @@ from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
-from jaxmyo.status import SolveError
+from jaxmyo.status import SolveError, Status
 from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
@@ -85,7 +85,7 @@ def load(
     starts at the state A without load, or at `start`, another state C of this scene (the next step of a cycle): loads,
     tensions and activation then move together from those of `start` to the new ones, and what `start` was held by
     fades. A body can have several states C under one load; where the path starts decides which is found.
-    throw: as in `contract`.
+    throw: as in `contract`. Inside `jit` and `vmap`, where a state that failed raises nothing, C has its status.
     """
     if jnp.ndim(state.status):
         raise TypeError(
@@ -100,6 +100,7 @@ def load(
                 "a condition must be Stretch, Displacement, Planar, Uniform, Proportional, Homogeneous, Shear, "
                 f"Traction, Pressure, BodyForce, Volume or Spring; got {c!r}"
             )
+    conditions, finite = checks.finite_or_zero(conditions)
     scene, origin = state.scene, state if start is None else start
     loads = tuple(c for c in conditions if not isinstance(c, Tie | Volume))
     walls, volumes = surface.cavities(scene.mesh, conditions)
@@ -119,13 +120,19 @@ def load(
     stretches = [
         checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
     ]
-    good = (state.converged, origin.converged, surface.springs_are_valid(after))
+    good = (finite, state.converged, origin.converged, surface.springs_are_valid(after))
     valid = jnp.all(jnp.stack([checks.tree_is_finite(end), *good, *stretches]))
     same = len(origin.cavity_pressures) == len(walls)
     z = jnp.concatenate([z_u, origin.p, origin.cavity_pressures if same else jnp.zeros(len(walls))])
     if start is not None:
-        begin = begin._replace(imbalance=residual(system, z, begin))
-    return _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
+        at_start = jax.lax.stop_gradient((system, z, begin))  # where a path begins has no part in derivatives
+        begin = begin._replace(imbalance=residual(*at_start))
+    found = _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
+    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
+    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
+    # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
+    zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
+    return replace(found, status=status, zero_eigenvalues=zero)
 
 
 def contraction(
@@ -145,7 +152,8 @@ def contraction(
     softness = jnp.zeros(())
     if weave_stiffness is not None:
         k = checks.scalar("weave_stiffness", weave_stiffness, "weave_stiffness")
-        softness, valid = 1.0 / k, valid & checks.within(k, "weave_stiffness")
+        stiff = checks.within(k, "weave_stiffness")
+        softness, valid = 1.0 / jnp.where(stiff, k, 1.0), valid & stiff
     ties = scene.kinematics((), geometry and geometry.points)
     surfaces, springs = surface.build(scene.mesh, scene.springs)
     large = _is_large(ties, T0_, beta_, a_over_D_, constants, geometry)
@@ -216,9 +224,9 @@ def _geometry(
     xi, _ = gauss(*scene.orders)
     if not checks.is_traced((points, f, c)):
         return Geometry(points, fibres.frame(mesh, xi, f, c)), jnp.array(True)  # type: ignore[arg-type]
-    frame = fibres.traced_frame(mesh, xi, f, c)
+    frame, good = fibres.traced_frame(mesh, xi, f, c)
     jacobian = jnp.einsum("eai,gaj->egij", jnp.asarray(points)[mesh.cells], shape_gradient(gauss(2, 2, 2)[0]))
-    good = jnp.all(jnp.isfinite(frame)) & jnp.all(jnp.linalg.det(jacobian) > 0.0)
+    good = good & jnp.all(jnp.linalg.det(jacobian) > 0.0)
     return Geometry(jnp.where(good, points, mesh.points), jnp.where(good, frame, scene.frame)), good
 
 
@@ -289,10 +297,20 @@ def _solve(
     from_rest: bool,
 ) -> State:
     s = follow(system, z, start, end, valid, jnp.array(from_rest), settings)
-    state = as_state(scene, system, s, tuple(conditions))
+    state = as_state(scene, _fixed(system, s.status != Status.CONVERGED), s, tuple(conditions))
     if throw and not checks.is_traced(s.status) and not bool(state.converged):
         raise SolveError(state.message + constraints.at_failure(system, s.z, s.inputs), state)
     return state
+
+
+def _fixed(system: System, where: Array) -> System:
+    """The system, without derivatives by nodes and fibres where a solve failed."""
+
+    def fixed(x: Any) -> Any:
+        moves = checks.is_traced(x) and jnp.issubdtype(x.dtype, jnp.inexact)
+        return jnp.where(where, jax.lax.stop_gradient(x), x) if moves else x
+
+    return jax.tree.map(fixed, system) if system.own_geometry else system
 
 
 @jax.jit

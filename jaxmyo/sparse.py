@@ -32,6 +32,8 @@ from jaxmyo.pattern import distinct, same_components, upper_diagonals
 from jaxmyo.ties import rigid_unknowns
 
 EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]
+SINGULAR = 1e-11  # stiffness of a motion, over the largest, that round-off leaves where there is none [–]
+FREE = 1e-8  # stiffness, over the largest, that tells the motions without any from unstable ones [–]
 NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 SLOW = 0.03  # ratio of the residuals of two iterations from which on a new tangent is worth its assembly [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
@@ -278,14 +280,30 @@ class Sparse:
         return None, None
 
     def inertia(self, at: At, z: Floats) -> tuple[Any, Any]:
-        """(negative eigenvalues of the second variation on the constraint manifold, perturbed pivots), see `Dense`.
+        """(negative eigenvalues of the second variation on the constraint manifold, zero ones), see `Dense`.
 
-        The augmented matrix has the former as its negative eigenvalues, for γ large enough.
+        The augmented matrix has the former as its negative eigenvalues, for γ large enough. Zero ones are not counted:
+        1 says that there are some.
         """
-        if at.K is None:
+        if at.K is None or self.near(at.K).inertia[0] < 0:
             return np.array(-1), np.array(-1)
-        negative, perturbed = self.near(at.K).inertia
-        return np.array(negative - self._held if negative >= 0 else -1), np.array(perturbed)
+        singular = self._is_singular()
+        if singular:  # round-off decides whether its pivots are negative
+            self._take(at.K, FREE * self._stiffness)
+            self._stiffened = True
+        return np.array(self.factors.inertia[0] - self._held), np.array(int(singular))
+
+    def _is_singular(self) -> bool:
+        """Whether the factors resist some motion by round-off only: the length of a random vector, iterated inversely.
+
+        Pardiso perturbs no pivot of 1e-13 that round-off left, and SuperLU none at all.
+        """
+        if self.factors.inertia[1] > 0:
+            return True
+        n_u = self.system.n_u
+        s = self.scale.unit[:n_u] / np.sqrt(self.scale.volume[:n_u])  # y = x / s: strains
+        y = self.factors.solve(np.random.default_rng(0).normal(size=n_u) / s) / s
+        return not SINGULAR * self._stiffness * np.linalg.norm(y) < 1.0
 
     def near(self, K: Tangent) -> factor.Solver:
         """Factors that have the inertia of K: its own, or those of a state that is the same but for a small strain."""
@@ -314,8 +332,19 @@ class Sparse:
         with self._timed("factorisation"):
             self.factors.factorise(self._symmetric(K, 0.0))
             self._stiffened = mu > 0.0 and self.factors.inertia[1] > 0
-            if self._stiffened:
-                self.factors.factorise(self._symmetric(K, mu))
+        if self._stiffened:
+            self._take(K, mu)
+        else:
+            self._keep(K)
+
+    def _take(self, K: Tangent, mu: float) -> None:
+        """Factors of K + μ·metric."""
+        with self._timed("factorisation"):
+            self.factors.factorise(self._symmetric(K, mu))
+        self._keep(K)
+
+    def _keep(self, K: Tangent) -> None:
+        """What goes with factors of K."""
         self._by_walls = np.stack([self.factors.solve(w) for w in K.walls], 1) if len(K.walls) else K.walls.T
         # Each direction in which the cavities' volumes hold a body back that is unstable at its pressures.
         S = K.walls @ self._by_walls
@@ -415,8 +444,10 @@ def hold(system: System, z: Floats, inputs: Inputs) -> int:
     return handle
 
 
-def solve_held(handle: Any, b: Any, transposed: Any) -> Floats:
-    """The solution of K x = b, or of Kᵀ x = b; an error where it is not found to `EXACT`."""
+def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
+    """The solution of K x = b, or of Kᵀ x = b, and 0 where K is not regular; an error if it is not found to `EXACT`."""
+    if not regular:
+        return np.zeros(np.shape(b))
     if int(handle) not in _held:
         raise RuntimeError(
             f"a derivative of one of many large states: only the last {_HELD_AT_MOST} tangents are remembered"

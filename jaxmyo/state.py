@@ -49,7 +49,9 @@ class State:
     the fields stand (1 if converged); residual: relative; force_residual [mN, mN·mm]; constraint_residual [–]; history:
     relative residuals of the last Newton loop, 0 beyond its end; steps, rejected, iterations: counts;
     negative_eigenvalues: of the second variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of
-    the saddle matrix, > 0 where a mode has no stiffness; both −1 where an invalid input kept the solve from starting;
+    the saddle matrix, > 0 where a mode has no stiffness, also in the state A that left C its tensions: such a state has
+    no derivative (a large body has 1 for any number of them); both −1 where an invalid input kept the solve from
+    starting, and where multigrid does not know them;
     solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the
     seconds of its parts.
     """

@@ -286,6 +286,94 @@ def test_failed_samples_of_a_batch() -> None:
     np.testing.assert_allclose([d[0] for d in derivatives], alone, rtol=1e-12)
 
 
+NAN = float("nan")
+
+#: What makes a sample fail, and the statuses of its A and C.
+FAILURES: list[tuple[dict[str, Any], str, str]] = [
+    ({}, "CONVERGED", "CONVERGED"),
+    ({"T0": NAN}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"a_over_D": 0.3}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"beta": NAN}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"weave_stiffness": 0.0}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"weave_stiffness": NAN}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"constants": replace(jm.TABLE1, C1p=NAN)}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"constants": replace(jm.TABLE1, C2p=float("inf"))}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"points": np.full((8, 3), NAN)}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"points": np.zeros((8, 3))}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"fibre": np.zeros(3)}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"fibre": np.full(3, NAN)}, "INVALID_INPUT", "INVALID_INPUT"),
+    ({"cross": np.array([2.0, 0.2, 0.0])}, "INVALID_INPUT", "INVALID_INPUT"),  # parallel to the fibre
+    ({"stretch": NAN}, "CONVERGED", "INVALID_INPUT"),
+    ({"stretch": 9.0}, "CONVERGED", "INVALID_INPUT"),
+    ({"traction": NAN}, "CONVERGED", "INVALID_INPUT"),
+    ({"stretch": 4.9}, "CONVERGED", "NO_DESCENT"),  # exp Q is beyond float64
+]
+
+
+def test_no_derivative_is_nan() -> None:
+    """By every kind of input, whatever is wrong with one of them, forward and reverse; the status says what."""
+    scene = jm.thin_sample()
+    good = {"T0": 10.0, "a_over_D": 0.2, "beta": 0.8, "weave_stiffness": 50.0, "constants": jm.TABLE1}
+    good |= {"points": scene.mesh.points, "fibre": np.array([1.0, 0.1, 0.0]), "cross": np.array([0.0, 1.0, 0.0])}
+    good |= {"stretch": 1.1, "traction": 0.5}
+
+    def outputs(x: Inputs) -> tuple[Any, Any]:
+        of_A = {name: value for name, value in x.items() if name not in ("stretch", "traction")}
+        A = jm.contract(scene, **of_A)
+        up = jnp.array([0.0, 1.0, 0.0]) * x["traction"]
+        C = jm.load(A, jm.Stretch("x", x["stretch"]), jm.Traction("y1", up))
+        of_C = [C.mean("cauchy_fibre")[0, 0], C.stored_energy, C.reaction("x1")[0], C.mean("stretches")[1]]
+        return jnp.stack([A.T_cf[0, 0] + A.u[6, 2], *of_C]), (A.status, C.status)
+
+    @jax.jit
+    @jax.vmap
+    def derivatives(x: Inputs, d: Inputs) -> Any:
+        values, push, status = jax.linearize(outputs, x, has_aux=True)
+        pull = jax.linear_transpose(push, x)
+        by_A, by_C = (pull(values.at[:].set(w))[0] for w in jnp.array([[1.0, 0, 0, 0, 0], [0, 1.0, 1.0, 1.0, 1.0]]))
+        return values, status, push(d), by_A, by_C
+
+    rng = np.random.default_rng(0)
+    change = jax.tree.map(lambda x: rng.normal(size=np.shape(x)), good)
+    batch = stacked([jax.tree.map(jnp.asarray, good | wrong) for wrong, _, _ in FAILURES])
+    values, (of_A, of_C), forward, by_A, by_C = derivatives(batch, stacked([change] * len(FAILURES)))
+    names = [tuple(jm.Status(int(s)).name for s in both) for both in zip(of_A, of_C, strict=True)]
+    assert names == [(A, C) for _, A, C in FAILURES]
+    assert all(jnp.isfinite(x).all() for x in jax.tree.leaves((values, forward, by_A, by_C)))
+    for failed, mine, gradient in ((of_A != 0, forward[:, :1], by_A), (of_C != 0, forward[:, 1:], by_C)):
+        for path, x in jax.tree_util.tree_leaves_with_path((mine, gradient)):
+            assert not x[failed].any(), (path, x[failed])
+    assert all((x[0] != 0.0).any() for x in (forward, *jax.tree.leaves(by_C)))
+
+
+def test_what_is_loaded_from_a_state_that_failed_has_its_status() -> None:
+    scene, few = jm.thin_sample(), jm.Settings(max_steps=3)
+
+    def stress(T0: Any) -> tuple[Any, Any]:
+        A = jm.contract(scene, T0=T0, a_over_D=0.2, settings=few)
+        C = jm.load(A, jm.Stretch("x", 1.0))
+        return C.mean("cauchy")[0, 0], (A.status, C.status)
+
+    slope, status = jax.jit(jax.vmap(jax.grad(stress, has_aux=True)))(jnp.array([200.0, -1.0]))
+    why = [jm.Status.TOO_MANY_STEPS, jm.Status.INVALID_INPUT]
+    assert [s.tolist() for s in status] == [why, why]
+    assert slope.tolist() == [0.0, 0.0]
+
+
+def test_tensions_of_a_singular_state() -> None:
+    """At rest nothing resists shear: the tensions of such an A have no derivative, and a C that holds them says so."""
+    scene = jm.thin_sample(elements=(1, 1, 1))
+
+    def stress(beta: Any) -> tuple[Any, Any]:
+        C = jm.load(jm.contract(scene, T0=10.0, a_over_D=0.2, beta=beta), jm.Stretch("x", 1.1), jm.Stretch("y", 1.1))
+        return C.mean("cauchy")[0, 0], (C.status, C.zero_eigenvalues)
+
+    _, (status, zero) = jax.jit(jax.vmap(jax.grad(stress, has_aux=True)))(jnp.array([0.0, 0.1]))
+    assert status.tolist() == [0, 0]
+    assert zero[0] > 0
+    assert zero[1] == 0
+
+
 def test_a_singular_state() -> None:
     """Without activation the law resists no shear at rest: stretches move like a root, and no derivative is made up."""
     scene = jm.thin_sample()

@@ -12,6 +12,7 @@ import jaxmyo as jm
 from jaxmyo import factor, solve, sparse
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
+from jaxmyo.status import SingularError
 
 STEP = 0.01
 
@@ -52,13 +53,20 @@ rng = np.random.default_rng(0)
 ALONG = jax.tree.map(lambda x: jnp.asarray(0.05 * np.abs(x).mean() * rng.uniform(-1.0, 1.0, np.shape(x))), INPUTS)
 
 
-def output(x: Any) -> Any:
-    """Of a state C: reaction, tension, energy and volume in one number."""
+def output(x: Any, way: tuple[Any, Any] | None = None) -> Any:
+    """Of a state C: reaction, tension, energy and volume in one number. way: the loads of a state that it starts from.
+
+    In the same order as the loads of C: the stretch [–] and the pressure [kPa].
+    """
     own = {name: value for name, value in x.items() if name not in ("stretch", "pressure")}
     if "fibre" in own:
         own["fibre"] = own["fibre"] / jnp.linalg.norm(own["fibre"], axis=1, keepdims=True)
     A = jm.contract(SCENE, **own)
-    C = jm.load(A, jm.Stretch("x", x["stretch"]), jm.Pressure("z1", x["pressure"], ends="open"))
+
+    def loaded(stretch: Any, pressure: Any, start: jm.State | None = None) -> jm.State:
+        return jm.load(A, jm.Stretch("x", stretch), jm.Pressure("z1", pressure, ends="open"), start=start)
+
+    C = loaded(x["stretch"], x["pressure"], None if way is None else loaded(*way))
     assert (C.solver == "dense LU") == (solve.LARGE > 0)
     return C.reaction("x1")[0] + 0.1 * A.T_cf[1, 3] + C.stored_energy + 0.2 * C.cauchy[0, 1, 2, 2] + C.u[4, 1]
 
@@ -81,6 +89,33 @@ def dot(a: Any, b: Any) -> Any:
 def test_some_inputs(sparse_only: None) -> None:
     """What costs little to compile: constants and loads, with the weave as an exact constraint."""
     check({name: INPUTS[name] for name in ("T0", "a_over_D", "constants", "stretch", "pressure")})
+
+
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_a_load_that_starts_from_another_one(sparse_only: None) -> None:
+    """The way to a state has no part in its derivatives, though the way itself changes with the inputs."""
+    x = {name: INPUTS[name] for name in ("T0", "a_over_D", "constants", "stretch", "pressure")}
+
+    def by_steps(x: Any) -> Any:
+        return output(x, (0.5 * (1.0 + x["stretch"]), 0.5 * x["pressure"]))
+
+    gradient, other = jax.grad(output)(x), jax.grad(by_steps)(x)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), other, gradient)
+    along = {name: ALONG[name] for name in x}
+    np.testing.assert_allclose(jax.jvp(by_steps, (x,), (along,))[1], dot(gradient, along), rtol=1e-9)
+    assert jax.grad(lambda pressure: output(x, (x["stretch"], pressure)))(0.1) == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_second_derivatives_of_a_load_that_starts_from_another_one(sparse_only: None) -> None:
+    """By every kind of input, those that change the mesh among them."""
+
+    def product(way: Any) -> Any:
+        return jax.jvp(jax.grad(lambda x: output(x, way and way(x))), (INPUTS,), (ALONG,))
+
+    found = product(lambda x: (0.5 * (1.0 + x["stretch"]), 0.5 * x["pressure"]))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8), found, product(None))
 
 
 @pytest.mark.slow
@@ -115,6 +150,27 @@ def test_second_derivatives_and_the_dense_ones(monkeypatch: pytest.MonkeyPatch) 
     slope = richardson(lambda h: dot(jax.grad(output)(moved(INPUTS, h)), ALONG))
     np.testing.assert_allclose(dot(found[1], ALONG), slope, rtol=1e-5)
     sparse.forget()
+
+
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_where_there_is_none(sparse_only: None) -> None:
+    """At rest nothing resists shear, which is an error; what failed has derivatives 0 and a status, or raises."""
+    passive = jm.Scene(MESH, jm.lin_yin, jm.TABLE1, supports=SCENE.supports)
+
+    def corner(T0: Any, beta: Any, throw: bool = False) -> tuple[Any, Any]:
+        A = jm.contract(passive, T0=T0, a_over_D=None, beta=beta, throw=throw)
+        return A.u[4, 1], A.status
+
+    at_rest = jm.contract(passive, T0=1.0, a_over_D=None, beta=0.0)
+    assert (at_rest.negative_eigenvalues, at_rest.zero_eigenvalues) == (0, 1)
+    with pytest.raises(SingularError, match=r"no derivative: its tangent has \d+ mode\(s\) without stiffness"):
+        jax.grad(corner, argnums=1, has_aux=True)(1.0, 0.0)
+    for T0 in (-1.0, np.nan):
+        slopes, status = jax.grad(corner, argnums=(0, 1), has_aux=True)(T0, 0.5)
+        assert status == jm.Status.INVALID_INPUT
+        assert slopes == (0.0, 0.0)
+        with pytest.raises(jm.SolveError, match="INVALID_INPUT"):
+            jax.grad(lambda T0: corner(T0, 0.5, throw=True)[0])(T0)
 
 
 @pytest.mark.slow

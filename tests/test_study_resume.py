@@ -43,16 +43,51 @@ np.savez(sys.argv[5], **here, **found.values)
 '''
 
 
-def start(out: Path | str, result: Path, rounds: int = 40, address: str = "", rank: int = 0, devices: int = 1) -> Any:
+#: The real sample: 200 samples, 32 at a time, states A and C; arguments as above.
+SAMPLE = """
+import sys
+import jax
+import numpy as np
+import jaxmyo as jm
+from jaxmyo.studies.command import sample_study
+
+out, _, address, rank = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
+if address:
+    jax.distributed.initialize(address, num_processes=2, process_id=rank)
+axes = {"a_over_D": np.linspace(0.0, 0.25, 8), "T0": np.linspace(1.0, 60.0, 25), "beta": 1.0}
+found = sample_study(jm.TABLE1, axes, (1.2, 1.2), chunk=32, out=out or None)
+here = {"devices": jax.local_device_count(), "processes": jax.process_count(), "status": found.status}
+np.savez(sys.argv[5], **here, **found.values)
+"""
+
+
+def start(
+    out: Path | str,
+    result: Path,
+    rounds: int = 40,
+    address: str = "",
+    rank: int = 0,
+    devices: int = 1,
+    script: str = SCRIPT,
+) -> Any:
     flags = f"--xla_force_host_platform_device_count={devices}"
-    command = [sys.executable, "-c", SCRIPT, str(out), str(rounds), address, str(rank), str(result)]
+    command = [sys.executable, "-c", script, str(out), str(rounds), address, str(rank), str(result)]
     return subprocess.Popen(command, env=os.environ | {"XLA_FLAGS": flags}, stderr=subprocess.PIPE, text=True)
 
 
-def finish(*processes: Any) -> None:
+def finish(*processes: Any, timeout: float = 120.0) -> None:
     for process in processes:
-        _, told = process.communicate(timeout=120)
+        _, told = process.communicate(timeout=timeout)
         assert process.returncode == 0, told
+
+
+def two_processes(folder: Path, **options: Any) -> list[Any]:
+    """Begun, with two devices each; their results are to be folder/result0.npz and folder/result1.npz."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    results = [folder / f"result{rank}.npz" for rank in (0, 1)]
+    return [start(folder / "study", results[k], address=address, rank=k, devices=2, **options) for k in (0, 1)]
 
 
 def chunks(folder: Path) -> dict[str, int]:
@@ -108,13 +143,9 @@ def test_several_devices(tmp_path: Path, uninterrupted: dict[str, Any]) -> None:
 
 def test_several_processes(tmp_path: Path, uninterrupted: dict[str, Any]) -> None:
     """Two processes with two devices each, through JAX's distributed runtime; both have the whole result."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
-    results = [tmp_path / f"result{rank}.npz" for rank in (0, 1)]
-    finish(*(start(tmp_path / "study", results[k], address=address, rank=k, devices=2) for k in (0, 1)))
-    for result in results:
-        found = assert_same(result, uninterrupted)
+    finish(*two_processes(tmp_path))
+    for rank in (0, 1):
+        found = assert_same(tmp_path / f"result{rank}.npz", uninterrupted)
         assert (found["devices"], found["processes"]) == (2, 2)
 
 
@@ -144,6 +175,18 @@ def test_a_damaged_chunk(tmp_path: Path) -> None:
     np.savez(path, z=np.zeros(2))
     with pytest.raises(ValueError, match="is not a chunk of this study"):
         jm.load_study(tmp_path)
+
+
+def test_the_axes_of_another_study(tmp_path: Path) -> None:
+    found = small(tmp_path / "one")
+    small(tmp_path / "other", axes=AXES | {"y": [1.0, 3.0]})
+    own = tmp_path / "one" / "axes.npz"
+    own.write_bytes((tmp_path / "other" / "axes.npz").read_bytes())
+    with pytest.raises(ValueError, match=r"axes.npz is of another study; it differs in:\n  axes, y, last: 2.0"):
+        jm.load_study(tmp_path / "one")
+    own.unlink()
+    small(tmp_path / "one")
+    np.testing.assert_array_equal(jm.load_study(tmp_path / "one")["z"], found["z"])
 
 
 def steeper(x: Any, y: Any) -> dict[str, Any]:
@@ -235,25 +278,33 @@ def test_progress(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "6/6" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def sample_on_one_device(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    result = tmp_path_factory.mktemp("sample") / "result.npz"
+    finish(start("", result, script=SAMPLE), timeout=900.0)
+    return dict(np.load(result))
+
+
+def assert_same_sample(path: Path, other: dict[str, Any]) -> dict[str, Any]:
+    found = dict(np.load(path))
+    assert not found["status"].any()
+    for name in set(other) - {"devices", "processes", "residual"}:
+        np.testing.assert_allclose(found[name], other[name], rtol=1e-12, atol=1e-12, err_msg=name)
+    assert max(found["residual"].max(), other["residual"].max()) <= 1e-13
+    return found
+
+
 @pytest.mark.slow
-def test_the_sample_over_devices(tmp_path: Path) -> None:
-    """States A and C of the thin sample, which call LAPACK: on one device, and on those of four that may run."""
-    script = """
-import sys
-import numpy as np
-import jaxmyo as jm
-from jaxmyo.studies.command import sample_study
-axes = {"a_over_D": np.linspace(0.0, 0.25, 8), "T0": np.linspace(1.0, 60.0, 25), "beta": 1.0}
-found = sample_study(jm.TABLE1, axes, (1.2, 1.2), chunk=32)
-np.savez(sys.argv[1], status=found.status, **found.values)
-"""
-    results = []
-    for devices in (1, 4):
-        flags = {"XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}"}
-        path = tmp_path / f"{devices}.npz"
-        subprocess.run([sys.executable, "-c", script, str(path)], env=os.environ | flags, check=True, timeout=900)
-        results.append(dict(np.load(path)))
-    one, four = results
-    assert not one["status"].any()
-    for name in set(one) - {"residual"}:
-        np.testing.assert_allclose(four[name], one[name], rtol=1e-12, atol=1e-12, err_msg=name)
+def test_the_sample_over_devices(tmp_path: Path, sample_on_one_device: dict[str, Any]) -> None:
+    """States A and C of the thin sample: on one device, and on those of four that may run."""
+    finish(start("", tmp_path / "four.npz", devices=4, script=SAMPLE), timeout=900.0)
+    assert assert_same_sample(tmp_path / "four.npz", sample_on_one_device)["devices"] == 4
+
+
+@pytest.mark.slow
+def test_the_sample_over_processes(tmp_path: Path, sample_on_one_device: dict[str, Any]) -> None:
+    """The same on two processes of `jax.distributed`; each computes about half of the chunks and has all of them."""
+    finish(*two_processes(tmp_path, script=SAMPLE), timeout=900.0)
+    for rank in (0, 1):
+        found = assert_same_sample(tmp_path / f"result{rank}.npz", sample_on_one_device)
+        assert (found["devices"], found["processes"]) == (2, 2)

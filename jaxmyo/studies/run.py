@@ -118,6 +118,8 @@ def load_study(out: str | Path) -> Study:
     values = store.read_axes(folder)
     kind = manifest["design"]
     design = Grid(values) if kind == "grid" else Sample(values, kind)
+    if lines := list(store.differences({part: manifest[part] for part in ("axes", "fixed")}, _axes_of(design))):
+        raise ValueError(f"{folder / store.AXES} is of another study; it differs in:\n  " + "\n  ".join(lines))
     shapes = {
         name: jax.ShapeDtypeStruct(tuple(s["shape"]), np.dtype(s["dtype"])) for name, s in manifest["outputs"].items()
     }
@@ -235,13 +237,11 @@ def _chunk(given: int | None, evaluation: Evaluation, n: int) -> int:
 
 def _manifest(design: Design, evaluation: Evaluation, units: dict[str, str], chunk: int) -> dict[str, Any]:
     """What the study is, as JSON."""
-    axes = {name: {"n": len(x), "first": x[0], "last": x[-1], "values": hash_of(x)} for name, x in design.axes.items()}
     return {
         "format": store.FORMAT,
         "version": store.VERSION,
         "design": design.kind,
-        "axes": axes,
-        "fixed": design.fixed,
+        **_axes_of(design),
         "outputs": {n: {"shape": list(s.shape), "dtype": s.dtype.name} for n, s in evaluation.shapes.items()},
         "derivatives": list(evaluation.slopes),
         "units": units,
@@ -251,6 +251,12 @@ def _manifest(design: Design, evaluation: Evaluation, units: dict[str, str], chu
         "versions": {package: version(package) for package in ("jaxmyo", "jax", "jaxlib")},
         "platform": jax.local_devices()[0].platform,
     }
+
+
+def _axes_of(design: Design) -> dict[str, Any]:
+    """The axes, their values as a hash, and the parameters that stay, as JSON."""
+    axes = {name: {"n": len(x), "first": x[0], "last": x[-1], "values": hash_of(x)} for name, x in design.axes.items()}
+    return {"axes": axes, "fixed": design.fixed}
 
 
 def _arrays_of(fixed: Mapping[str, float]) -> Arrays:

@@ -76,8 +76,6 @@ def begin(folder: Path, manifest: dict[str, Any], axes: Arrays, writes: bool) ->
     if writes and not path.exists():
         if any(folder.glob("chunk-*.npz")):
             raise ValueError(f"out = {folder} has chunks of a study but no {MANIFEST}; choose another folder")
-        with whole(folder / AXES) as beside, beside.open("wb") as file:
-            np.savez(file, allow_pickle=False, **axes)
         with whole(path) as beside:
             beside.write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     while not path.exists():
@@ -87,6 +85,9 @@ def begin(folder: Path, manifest: dict[str, Any], axes: Arrays, writes: bool) ->
             f"out = {folder} has another study; it differs in:\n  " + "\n  ".join(lines) + "\n"
             "Choose another folder, or repeat that study as it was begun."
         )
+    if writes and not (folder / AXES).exists():
+        with whole(folder / AXES) as beside, beside.open("wb") as file:
+            np.savez(file, allow_pickle=False, **axes)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
