@@ -113,7 +113,8 @@ def follow(
         guess = path.z + taken * path.rate
         tolerance = xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = xp.where(at_start, 1e-4, 1e-13)
-        found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~(at_start | (first_step & from_rest)), settings)
+        damped = at_start | (first_step & from_rest)
+        found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~damped, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
         aimed = path.speed * taken

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxmyo as jm
-from jaxmyo import lagrangian, outputs
+from jaxmyo import lagrangian, outputs, protocols
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
 from jaxmyo.solve import contraction
@@ -393,6 +393,29 @@ def test_a_singular_state() -> None:
     assert zero.tolist() == [1, 0]
     assert slope[0] == 0.0
     assert slope[1] != 0.0
+
+
+@pytest.mark.parametrize("conditions", ["stretches", "stress"])
+def test_a_passive_body_loaded_from_rest(conditions: str) -> None:
+    """Rest is singular, the loaded body is not: derivatives by the constants pass through the one to the other.
+
+    W is C1p (exp Q − 1), so that C1p ∂σ/∂C1p = σ at given stretches; at given stresses C1p ∂λ/∂C1p = −P ∂λ/∂P.
+    """
+    scene = jm.thin_sample(constants=jm.MEASURED)
+
+    def outputs(C1p: jax.Array, times: jax.Array) -> jax.Array:
+        A = jm.contract(scene, T0=0.6, a_over_D=None, beta=0.0, constants=replace(jm.MEASURED, C1p=C1p), throw=False)
+        if conditions == "stretches":
+            C = jm.load(A, jm.Stretch("x", 1.2), jm.Stretch("y", 1.15), throw=False)
+            return times * C.mean("cauchy")[jnp.arange(2), jnp.arange(2)]
+        return jm.load(A, *protocols.biaxial_stress(4.0 * times, 3.0 * times), throw=False).mean("stretches")
+
+    C1p, one = jnp.array(jm.MEASURED.C1p), jnp.array(1.0)
+    sign = 1.0 if conditions == "stretches" else -1.0
+    for derivative in (jax.jacfwd, jax.jacrev):
+        by_C1p, by_times = jax.jit(derivative(outputs, argnums=(0, 1)))(C1p, one)
+        assert jnp.all(jnp.abs(by_times) > 1e-3)
+        np.testing.assert_allclose(C1p * by_C1p, sign * by_times, rtol=1e-9)
 
 
 def test_a_failure_under_grad_is_an_error() -> None:

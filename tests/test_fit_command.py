@@ -47,6 +47,19 @@ def test_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Written: " in captured.err
 
 
+def test_values_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """T0 starts at the value it is given, two rows are enough for one constant, and the others are fixed."""
+    path = tmp_path / "two.csv"
+    path.write_text("\n".join(curves(tmp_path).read_text(encoding="utf-8").split("\n")[:3]), encoding="utf-8")
+    command = ["fit", str(path), "--json", "--out", str(tmp_path / "out"), "--fix", "C4p=1"]
+    assert cli.main([*command, "--free", "C1p=0.3,T0=0.6"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["start"] == {"C1p": 0.3, "T0": 0.6}
+    assert result["fixed"]["C4p"] == 1.0
+    assert abs(result["estimates"]["C1p"]["value"] - 0.4) < 1e-6
+    assert not result["identifiable"]["T0"]  # passive curves do not feel it
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

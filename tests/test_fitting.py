@@ -252,9 +252,6 @@ def test_what_is_refused(change: Any, message: str) -> None:
 def test_the_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
-    from jaxmyo.fitting import least_squares
-
-    least_squares._levenberg_marquardt.cache_clear()
     monkeypatch.setitem(sys.modules, "optimistix", None)
     with pytest.raises(ModuleNotFoundError, match=r"a fit needs optimistix.*pip install 'jaxmyo\[fit\]'"):
         fitting.fit(Problem(lambda v: decay(v) + 0.0, problem().observed, problem().parameters, problem().free))

@@ -1,7 +1,7 @@
 """What `jaxmyo fit` fits: a CSV file, the curves of Lin and Yin, Table 1 of the paper. Each gives a report."""
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,9 @@ from jaxmyo.energies import lin_yin as lin_yin_law
 from jaxmyo.fitting import figures
 from jaxmyo.fitting.fit import Fit, fit, unfitted
 from jaxmyo.fitting.least_squares import Loss
+from jaxmyo.fitting.parameters import names_of
 from jaxmyo.fitting.problem import Problem
-from jaxmyo.fitting.sample import columns_of, sample_problem
+from jaxmyo.fitting.sample import columns_of, felt, sample_problem
 from jaxmyo.fitting.table1 import ROUNDING, rounding_intervals, table1_problem
 
 LAWS: dict[str, Any] = {"lin-yin": (lin_yin_law, MEASURED), "guccione": (guccione, LAND_PASSIVE)}
@@ -40,20 +41,23 @@ def of_file(options: argparse.Namespace) -> Report:
     """The fit of a law to a CSV file."""
     data = read_data(options.data)
     law, constants = LAWS[options.law]
-    shared: dict[str, Any] = {
-        "T0": options.T0,
-        "a_over_D": options.a_over_D,
-        "per_protocol": _names(options.per_protocol),
-    }
-    problem = sample_problem(data, law, constants, **shared)
     free, fix = _values(options.free), _values(options.fix)
-    if free:
-        problem = sample_problem(data, law, constants, free=list(free), **shared)
-    problem = problem.starting_at(**{n: v for n, v in (free | fix).items() if v is not None})
-    if fix:
-        for name in fix:
-            checks.choice("fix", name, [p.name for p in problem.parameters])
-        problem = problem.fitting(*(n for n in problem.free if n not in fix))
+    given = {name: value for name, value in (free | fix).items() if value is not None}
+    T0, a_over_D = given.pop("T0", options.T0), given.pop("a_over_D", options.a_over_D)
+    constants = replace(constants, **{n: given.pop(n) for n in names_of(constants) if n in given})
+    known = [*names_of(constants), "T0", *([] if a_over_D is None else ["a_over_D"])]
+    for name in fix:
+        checks.choice("fix", name.partition("[")[0], known)
+    problem = sample_problem(
+        data,
+        law,
+        constants,
+        T0=T0,
+        a_over_D=a_over_D,
+        free=[n for n in free or felt(data, law, constants) if n not in fix],
+        per_protocol=_names(options.per_protocol),
+    ).starting_at(**given)
+    problem = problem.fitting(*(n for n in problem.free if n not in fix))  # of one protocol
     found = fit(
         problem,
         starts=options.starts or 1,

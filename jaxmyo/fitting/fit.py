@@ -161,6 +161,7 @@ class Fit:
             "identifiable": {n: e.identifiable for n, e in self.estimates.items()},
             "unit": p.unit,
             "level": self.level,
+            "converged": bool(self.found.converged),
             "standard_errors": {n: e.standard_error for n, e in self.estimates.items()},
             "correlation": self.local.correlation.tolist(),
             "undetermined": self.undetermined,

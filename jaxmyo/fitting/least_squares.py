@@ -16,14 +16,10 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks
-from jaxmyo.compiler import QUICK
+from jaxmyo.compiler import LONG, QUICK
 from jaxmyo.fitting.parameters import values_at
 from jaxmyo.fitting.problem import MISSED, Predict, Problem, spread
 
-#: A minimum is reached where a Gauss–Newton step would lower the sum of squares by less than this part of it (so that x
-#: is within 1e-4 of its standard errors or so; the relative offset of Bates and Watts), or where the residuals are
-#: this part of the observations. Much less is below the round-off of the solves.
-OFFSET, EXACT = 1e-10, 1e-10
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
@@ -128,18 +124,25 @@ def _program(
 ) -> Callable[[_Inputs], Found]:
     """The compiled solve; one per problem that differs by more than numbers and by which parameters are free."""
     one = partial(_solve, predict, space, loss, max_steps)
-    return jax.jit(one if axes is None else jax.vmap(one, in_axes=(axes,)), compiler_options=QUICK)
+    if axes is None:
+        return jax.jit(one, compiler_options=QUICK)
+    return jax.jit(jax.vmap(one, in_axes=(axes,)), compiler_options=LONG)
 
 
 def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, inputs: _Inputs) -> Found:
-    optx = _optimistix()
+    optx, method = _optimistix()
     k = len(space)
 
+    @jax.custom_jvp
     def residual(x: Array, inputs: _Inputs) -> tuple[Array, Array]:
-        r, predicted = _residuals(predict, space, loss, x, inputs)
-        return jnp.concatenate([r, jnp.where(inputs.held, x - inputs.x, 0.0)]), predicted
+        r, predicted, _ = _linearised(predict, space, loss, x, inputs)
+        return r, predicted
 
-    method = _levenberg_marquardt()()
+    @residual.defjvp
+    def by_x(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        r, predicted, jacobian = _linearised(predict, space, loss, *primals)
+        return (r, predicted), (jacobian @ tangents[0], jnp.zeros_like(predicted))
+
     end = optx.least_squares(residual, method, inputs.x, inputs, has_aux=True, max_steps=max_steps, throw=False)
     last, predicted = end.state.f_info, end.state.aux  # both of the last step that was taken; end.aux is one older
     jacobian = last.jac.as_matrix()[:-k] * inputs.size
@@ -147,6 +150,22 @@ def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, inputs: _
     found = jnp.all(jnp.isfinite(predicted) | (inputs.weight == 0.0))
     converged = found & (end.result == optx.RESULTS.successful)
     return Found(end.value, r, jacobian, predicted, jnp.sum(r**2), converged, end.stats["num_steps"])
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _linearised(predict: Predict, space: _Space, loss: str, x: Array, inputs: _Inputs) -> tuple[Array, Array, Array]:
+    """Scaled residuals (n + K,) with those of the held parameters, predictions (n,), and the Jacobian (n + K, K) by x.
+
+    The Jacobian once for each step, and the predictions traced once for every program that uses them.
+    """
+
+    def residual(x: Array) -> tuple[Array, tuple[Array, Array]]:
+        r, predicted = _residuals(predict, space, loss, x, inputs)
+        every = jnp.concatenate([r, jnp.where(inputs.held, x - inputs.x, 0.0)])
+        return every, (every, predicted)
+
+    jacobian, (r, predicted) = jax.jacfwd(residual, has_aux=True)(x)
+    return r, predicted, jacobian
 
 
 def _residuals(predict: Predict, space: _Space, loss: str, x: Array, inputs: _Inputs) -> tuple[Array, Array]:
@@ -243,33 +262,12 @@ def _outside(
     return Found(full, r, jacobian, known["predicted"], np.sum(r**2), good, n)
 
 
-@cache
-def _levenberg_marquardt() -> Any:
-    """optimistix's method; it ends where the data cannot tell the next step, however far that goes in a flat valley."""
-    optx = _optimistix()
-
-    class LevenbergMarquardt(optx.LevenbergMarquardt):  # type: ignore[name-defined]
-        def __init__(self) -> None:
-            super().__init__(rtol=1e-13, atol=1e-13)
-            # The damping falls after a good step, not only after a perfect one: valleys of exp Q are curved.
-            self.search = optx.ClassicalTrustRegion(0.75, 0.1, 5.0, 0.2)
-
-        def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
-            done, result = super().terminate(fn, y, args, options, state, tags)
-            J, r = state.f_info.jac.as_matrix(), state.f_info.residual
-            J = J / jnp.maximum(jnp.linalg.norm(J, axis=0), 1e-30)[None]
-            slope = J.T @ r
-            gain = slope @ jnp.linalg.solve(J.T @ J + 1e-13 * jnp.eye(len(slope)), slope)
-            sum_ = r @ r
-            there = (gain <= OFFSET * sum_) | (sum_ <= len(r) * EXACT**2)
-            return done | (there & (state.num_accepted_steps > 0)), result
-
-    return LevenbergMarquardt
-
-
 def _optimistix() -> Any:
+    """optimistix, and our method of it."""
     try:
         import optimistix
+
+        from jaxmyo.fitting.levenberg_marquardt import LevenbergMarquardt
     except ModuleNotFoundError as error:
         raise checks.missing(error, "a fit needs", "'jaxmyo[fit]'") from error
-    return optimistix
+    return optimistix, LevenbergMarquardt()

@@ -52,10 +52,10 @@ def sample_problem(
     start = dict(zip(own, map(float, jax.tree.leaves(constants)), strict=True)) | {"T0": checks.number("T0", T0, "T0")}
     if a_over_D is not None:
         start["a_over_D"] = checks.number("a_over_D", a_over_D, "a_over_D")
-    felt = _felt(data, scene)
     split = dict.fromkeys(per_protocol, data.protocols)
     parameters = parameters_of(start, bounds or {}, split)
-    wanted = [n for n, f in zip(own, felt, strict=True) if f] if free is None else list(free)
+    wanted = felt(data, law, constants)
+    wanted = wanted if free is None else list(free)
     full = [f"{n}[{p}]" for n in wanted for p in split.get(n, ())]
     chosen = tuple(full + [n for n in wanted if n not in split])
     predict, observed, row = predictions(data, scene, a_over_D is not None, tuple(per_protocol))
@@ -176,8 +176,8 @@ def _seen(data: Data, i: int, kind: Kind) -> NDArray[np.bool_]:
     return np.concatenate([stress[:3] & stretch, np.zeros(9, dtype=bool)])
 
 
-def _felt(data: Data, scene: Scene) -> list[bool]:
-    """Which constants the energy of any row depends on; an error for a law that is not finite there.
+def felt(data: Data, law: Law, constants: Any) -> list[str]:
+    """The names of the constants that the energy of any row depends on; an error for a law that is not finite there.
 
     Free stretches are taken as if they shared what incompressibility leaves.
     """
@@ -198,13 +198,14 @@ def _felt(data: Data, scene: Scene) -> list[bool]:
     @jax.jit
     @jax.vmap
     def energy(C: Array, beta: Array) -> tuple[Array, Any]:
-        return jax.value_and_grad(lambda own: scene.law(C, jnp.eye(3), beta, own))(scene.constants)
+        return jax.value_and_grad(lambda own: law(C, jnp.eye(3), beta, own))(constants)
 
     W, by_constants = energy(F.swapaxes(1, 2) @ F, data.beta)
     if not np.isfinite(W).all():
         i = int(np.argmax(~np.isfinite(W)))
         raise ValueError(
             f"law: the energy is {W[i]} at line {data.lines[i]} of the data (stretches "
-            f"{np.round(stretch[i], 4).tolist()}, beta = {data.beta[i]:g}) with constants = {scene.constants}"
+            f"{np.round(stretch[i], 4).tolist()}, beta = {data.beta[i]:g}) with constants = {constants}"
         )
-    return [bool(np.any(slope != 0.0)) for slope in jax.tree.leaves(by_constants)]
+    slopes = jax.tree.leaves(by_constants)
+    return [name for name, slope in zip(names_of(constants), slopes, strict=True) if np.any(slope != 0.0)]
