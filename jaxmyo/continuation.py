@@ -113,8 +113,7 @@ def follow(
         guess = path.z + taken * path.rate
         tolerance = xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = xp.where(at_start, 1e-4, 1e-13)
-        damped = at_start | (first_step & from_rest)
-        found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~damped, settings)
+        found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
         aimed = path.speed * taken
