@@ -143,7 +143,9 @@ def _solve(predict: Predict, space: _Space, loss: str, max_steps: int, inputs: _
         r, predicted, jacobian = _linearised(predict, space, loss, *primals)
         return (r, predicted), (jacobian @ tangents[0], jnp.zeros_like(predicted))
 
-    end = optx.least_squares(residual, method, inputs.x, inputs, has_aux=True, max_steps=max_steps, throw=False)
+    # In the context in which JAX evaluates a jaxpr, so that the trace of optimistix's first look at it serves the rest.
+    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+        end = optx.least_squares(residual, method, inputs.x, inputs, has_aux=True, max_steps=max_steps, throw=False)
     last, predicted = end.state.f_info, end.state.aux  # both of the last step that was taken; end.aux is one older
     jacobian = last.jac.as_matrix()[:-k] * inputs.size
     r = last.residual[:-k] * inputs.size
