@@ -310,6 +310,7 @@ FAILURES: list[tuple[dict[str, Any], str, str]] = [
 ]
 
 
+@pytest.mark.slow
 def test_no_derivative_is_nan() -> None:
     """By every kind of input, whatever is wrong with one of them, forward and reverse; the status says what."""
     scene = jm.thin_sample()
