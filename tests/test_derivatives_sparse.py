@@ -16,6 +16,9 @@ from jaxmyo.status import SingularError
 
 STEP = 0.01
 
+#: The fibres are tilted against the struts on purpose: that these are made normal to them has derivatives, too.
+pytestmark = pytest.mark.filterwarnings("ignore:fibre and cross are not orthogonal")
+
 
 @pytest.fixture
 def sparse_only(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -171,6 +174,21 @@ def test_where_there_is_none(sparse_only: None) -> None:
         assert slopes == (0.0, 0.0)
         with pytest.raises(jm.SolveError, match="INVALID_INPUT"):
             jax.grad(lambda T0: corner(T0, 0.5, throw=True)[0])(T0)
+
+
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_next_to_where_there_is_none(sparse_only: None) -> None:
+    """Rest is found singular after a state close by, whose factors are not; and next to rest nothing is made up."""
+    passive = jm.Scene(MESH, jm.lin_yin, jm.TABLE1, supports=SCENE.supports)
+
+    def corner(beta: Any) -> Any:
+        return jm.contract(passive, T0=1.0, a_over_D=None, beta=beta).u[4, 1]
+
+    assert abs(jax.grad(corner)(1e-3) - 1.0) < 0.1
+    with pytest.raises(SingularError, match="no derivative: its tangent has 1 mode"):
+        jax.grad(corner)(0.0)
+    with pytest.raises(SingularError, match="no derivative that could be found: .* all but singular"):
+        jax.grad(corner)(1e-9)
 
 
 @pytest.mark.slow
