@@ -63,6 +63,11 @@ class Tangent:
     walls: Floats
     diagonal: Any
 
+    @property
+    def bytes(self) -> int:
+        """Of its largest parts."""
+        return self.data.nbytes + self.B.data.nbytes + self.B.indices.nbytes
+
 
 class Sparse:
     """The linear algebra of one system with sparse matrices. Not for use inside JAX's transformations."""
@@ -473,7 +478,7 @@ _known: list[Sparse] = []
 
 #: The tangents at the last states that a derivative was asked of, by a number that JAX can carry.
 _held: dict[int, tuple[Sparse, Tangent]] = {}
-_HELD_AT_MOST = 64
+_HELD_AT_MOST = 2e9  # bytes
 
 
 def hold(system: System, z: Floats, inputs: Inputs) -> int:
@@ -487,12 +492,15 @@ def hold(system: System, z: Floats, inputs: Inputs) -> int:
     if not (off := sparse.uncertainty(K)) <= EXACT:
         raise SingularError(
             "the state has no derivative that could be found: its linear system is solved to a relative residual of "
-            f"{off:.1e} only ({EXACT:g} is asked for), since the tangent is all but singular, as that of the Lin–Yin law "
-            "next to rest. Differentiate at another state, or hold its soft motions"
+            f"{off:.1e} only ({EXACT:g} is asked for), since the tangent is all but singular, as that of the Lin–Yin "
+            "law next to rest. Differentiate at another state, or hold its soft motions"
         )
     _held[handle] = sparse, K
-    for old in list(_held)[:-_HELD_AT_MOST]:
-        del _held[old]
+    size = 0
+    for old in list(_held)[::-1]:
+        size += _held[old][1].bytes
+        if size > _HELD_AT_MOST and old != handle:
+            del _held[old]
     return handle
 
 
@@ -502,7 +510,8 @@ def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
         return np.zeros(np.shape(b))
     if int(handle) not in _held:
         raise RuntimeError(
-            f"a derivative of one of many large states: only the last {_HELD_AT_MOST} tangents are remembered"
+            "a derivative through many large states at once: of their tangents, "
+            f"{1e-9 * _HELD_AT_MOST:g} GB are remembered"
         )
     sparse, K = _held[int(handle)]
     if transposed and K.loads is not None:
