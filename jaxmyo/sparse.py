@@ -330,7 +330,7 @@ class Sparse:
     def _strains(self) -> Floats:
         """s (n_u,) such that x / s of unknown displacements x are strains."""
         n_u = self.system.n_u
-        return self.scale.unit[:n_u] / np.sqrt(self.scale.volume[:n_u])
+        return np.asarray(self.scale.unit[:n_u] / np.sqrt(self.scale.volume[:n_u]))
 
     def _soft_motion(self) -> Floats:
         """Displacements (n_u,) by random forces of size 1 each, in which the softest motions of the factors prevail."""
