@@ -186,6 +186,17 @@ def test_states_that_are_not_found() -> None:
         fitting.fit(Problem(partial, p.observed, (Parameter("a", 5.0), Parameter("b", -1.0)), ("a", "b")))
     out = fitting.log_likelihood(Problem(partial, p.observed, parameters, ("a", "b")), {"a": 4.0}, 1.0)
     assert out == -jnp.inf
+    held = Problem(
+        lambda v: line(v) + np.where(T < 1.05, 0.0, np.nan),
+        p.observed,
+        p.parameters,
+        p.free,
+        groups=("a",) * 11 + ("b",) * 10,
+    )
+    found = fitting.fit(held.without("b"))
+    with pytest.raises(SolveError, match="protocol 'b': 10 of 10 predictions were not found"):
+        found.rms_of("b")
+    assert json.loads(json.dumps(found.as_json(), allow_nan=False))["rms_of"] == {"a": found.rms_of("a"), "b": None}
 
 
 def test_descent_by_optax() -> None:
