@@ -211,7 +211,8 @@ def fit(
     Errors: SolveError if no start ends with every state found; ValueError for values out of range. A UserWarning if
     the fit is the best that was found but no minimum, and if the observations are far from any prediction in size.
     """
-    (starts,) = checks.counts("starts", (starts,), 1)
+    if int(starts) != starts or starts < 1:
+        raise ValueError(f"starts = {starts} must be an integer ≥ 1")
     chosen = check_loss(Loss(loss) if isinstance(loss, str) else loss)
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level} is outside (0, 1) (–, of the confidence intervals)")
