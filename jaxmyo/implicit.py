@@ -18,7 +18,7 @@ from jaxmyo import checks, continuation, lagrangian, linear, progress, sparse
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
-from jaxmyo.newton import Settings
+from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.sparse import Sparse
 from jaxmyo.status import SingularError, Status
 
@@ -44,7 +44,10 @@ def _followed(
     if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
         if stepwise:
             raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
-        return _compiled(system, z, start, end, valid, from_rest, settings=settings)
+        # Numbers are arguments of the program: another tolerance compiles nothing.
+        numbers = {name: getattr(settings, name) for name in NUMBERS}
+        kept = settings._replace(**dict.fromkeys(NUMBERS))
+        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
@@ -56,8 +59,8 @@ def _followed(
 
 @partial(jax.jit, static_argnames=("settings",))
 def _compiled(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
-    z, start, end, valid, from_rest = path
-    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+    z, start, end, valid, from_rest, numbers = path
+    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers))
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)
