@@ -46,8 +46,8 @@ def _followed(
             raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
         # Numbers are arguments of the program: another tolerance compiles nothing.
         numbers = {name: getattr(settings, name) for name in NUMBERS}
-        kept = settings._replace(**dict.fromkeys(NUMBERS))
-        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
+        without: Any = dict.fromkeys(NUMBERS)
+        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=settings._replace(**without))
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
