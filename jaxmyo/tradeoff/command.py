@@ -13,7 +13,7 @@ from typing import Any
 from jaxmyo import checks
 from jaxmyo.tradeoff import output, report
 from jaxmyo.tradeoff.bodies import BODIES
-from jaxmyo.tradeoff.front import as_data, write
+from jaxmyo.tradeoff.front import write
 from jaxmyo.tradeoff.store import Store
 from jaxmyo.tradeoff.trade import Trade, trade
 
@@ -64,7 +64,7 @@ def fronts(found: list[Trade]) -> dict[str, dict[str, Any]]:
             "truth": t.truth.outputs[0],
             "doubt": t.truth.doubt[0],
             "truth_is": t.truth.source,
-            "settings": [as_data(p, t.truth) for p in t.front],
+            "settings": [t.data(p) for p in t.front],
         }
         for t in found
     }

@@ -32,17 +32,32 @@ def relative(outputs: Sequence[float], true: Sequence[float]) -> tuple[float, ..
     return tuple(abs(x - t) / abs(t) for x, t in zip(outputs, true, strict=True))
 
 
-def error(point: Point, truth: Truth) -> float:
-    """The relative error [–] of the first output, not below round-off."""
+def error(point: Point, truth: Truth, output: int = 0) -> float:
+    """The relative error [–] of an output, not below round-off."""
     assert point.outputs is not None
-    return max(relative(point.outputs, truth.outputs)[0], 1e-16)
+    return max(relative(point.outputs, truth.outputs)[output], 1e-16)
+
+
+def counted(point: Point, points: Sequence[Point], truth: Truth, output: int = 0) -> float:
+    """The relative error [–] that a setting is answerable for: errors of different sources may cancel by luck.
+
+    The error with exact algebra in float64, plus what algebra and precision change, if that is more than the error.
+    """
+    by_dials = {p.dials: p for p in points if p.converged}
+    d, own = point.dials, error(point, truth, output)
+    tight = min((x.tolerance for x in by_dials), default=d.tolerance)
+    plain = by_dials.get(_plain(d, tight))
+    if plain is None or plain.outputs is None or point.outputs is None:
+        return own
+    off = abs(point.outputs[output] - plain.outputs[output]) / abs(truth.outputs[output])
+    return max(own, error(plain, truth, output) + off)
 
 
 def neville(values: Sequence[Sequence[float]], h: Sequence[float], order: float = 2.0) -> tuple[float, ...]:
     """The value at h = 0 of the polynomial in h^order through the values on meshes of size h."""
     table, x = [np.asarray(v, dtype=np.float64) for v in values], [size**order for size in h]
     for m in range(1, len(table)):
-        table = [(x[j] * table[j + 1] - x[j + m] * table[j]) / (x[j] - x[j + m]) for j in range(len(table) - m)]
+        table = [(x[j] * table[j + 1] - x[j + m] * table[j]) / (x[j] - x[j + m]) for j in range(len(values) - m)]
     return tuple(float(v) for v in table[0])
 
 

@@ -1,14 +1,13 @@
 """The Pareto front: settings that no other one beats in both time and error; and the file that the package reads."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxmyo.tradeoff.errors import Truth, error
 from jaxmyo.tradeoff.measure import Point
 
 
@@ -30,20 +29,20 @@ def pareto(seconds: ArrayLike, errors: ArrayLike) -> list[int]:
     return front
 
 
-def front(points: Sequence[Point], truth: Truth) -> list[Point]:
-    """The points on the front of (CPU seconds of a warm solve, error of the first output)."""
+def front(points: Sequence[Point], error: Callable[[Point], float]) -> list[Point]:
+    """The points on the front of (CPU seconds of a warm solve, error)."""
     good = [p for p in points if p.converged]
-    return [good[k] for k in pareto([p.cpu_seconds for p in good], [error(p, truth) for p in good])]
+    return [good[k] for k in pareto([p.cpu_seconds for p in good], [error(p) for p in good])]
 
 
-def behind(point: Point, on_front: Sequence[Point], truth: Truth) -> float:
-    """CPU seconds of a point over those of the cheapest setting of the front that is as exact, ≥ 1 [–]."""
-    as_exact = [p.cpu_seconds for p in on_front if error(p, truth) <= error(point, truth)]
-    return point.cpu_seconds / min(as_exact)
+def behind(point: Point, on_front: Sequence[Point], error: Callable[[Point], float]) -> float:
+    """CPU seconds of a point over those of the cheapest setting of the front that is as exact [–]; 1 if none is."""
+    as_exact = [p.cpu_seconds for p in on_front if error(p) <= error(point)]
+    return point.cpu_seconds / min(as_exact, default=point.cpu_seconds)
 
 
-def as_data(point: Point, truth: Truth) -> dict[str, Any]:
-    """A setting of the front for `datasets/front.json`."""
+def as_data(point: Point, errors: Sequence[float]) -> dict[str, Any]:
+    """A setting for `datasets/front.json`; errors: of the outputs."""
     d = point.dials
     return {
         "elements": d.elements,
@@ -54,7 +53,8 @@ def as_data(point: Point, truth: Truth) -> dict[str, Any]:
         "path_tolerance": d.path_tolerance,
         "move": d.move,
         "steps": d.steps,
-        "error": error(point, truth),
+        "error": errors[0],
+        "errors": list(errors),
         "seconds": point.seconds,
         "cpu_seconds": point.cpu_seconds,
         "cold_seconds": point.cold_seconds,

@@ -7,7 +7,6 @@ from typing import Any
 
 from jaxmyo.paper.output import write_csv
 from jaxmyo.tradeoff.errors import relative
-from jaxmyo.tradeoff.front import as_data
 from jaxmyo.tradeoff.measure import Point
 from jaxmyo.tradeoff.trade import Trade, effects
 
@@ -74,8 +73,8 @@ def summary(found: Sequence[Trade]) -> dict[str, Any]:
             "failures": [
                 {"dials": p.dials.changed(t.base.dials), "status": p.status} for p in t.points if not p.converged
             ],
-            "base": as_data(t.base, t.truth),
-            "front": [as_data(p, t.truth) for p in t.front],
+            "base": t.data(t.base),
+            "front": [t.data(p) for p in t.front],
             "dials": [
                 {
                     "changes": e.changes,

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from jaxmyo.tradeoff import errors, plan
 from jaxmyo.tradeoff.bodies import BODIES, Body
 from jaxmyo.tradeoff.dials import Dials
 from jaxmyo.tradeoff.errors import Truth
-from jaxmyo.tradeoff.front import behind, front
+from jaxmyo.tradeoff.front import as_data, behind, front
 from jaxmyo.tradeoff.measure import Effort, Point, measure
 from jaxmyo.tradeoff.store import Store
 
@@ -23,7 +24,7 @@ class Trade:
     points: list[Point]
     extrapolated: list[Point]
 
-    @property
+    @cached_property
     def every(self) -> list[Point]:
         """Measured and extrapolated points that have an error; those that the truth was made of have none."""
         good = [p for p in (*self.points, *self.extrapolated) if p.converged]
@@ -32,23 +33,29 @@ class Trade:
         own = max(p.dials.elements for p in good)
         return [p for p in good if p.dials.elements < own]
 
-    @property
+    @cached_property
     def front(self) -> list[Point]:
-        """From the cheapest to the most exact."""
-        return front(self.every, self.truth)
+        """From the cheapest to the most exact, among the settings that a solve has arguments for."""
+        plain = [p for p in self.every if not (p.dials.solver or p.dials.inner or p.dials.tangent == "new")]
+        usual = [p for p in plain if not p.dials.model and not p.dials.patches and p.dials.compiler == "quick"]
+        return front(usual, self.error)
 
-    def error(self, point: Point) -> float:
-        """Relative error of the first output [–]."""
-        return errors.error(point, self.truth)
+    def error(self, point: Point, output: int = 0) -> float:
+        """Relative error of an output [–], without the luck of parts that cancel."""
+        return errors.counted(point, self.every, self.truth, output)
+
+    def data(self, point: Point) -> dict[str, Any]:
+        """A point for `datasets/front.json`."""
+        return as_data(point, [self.error(point, k) for k in range(len(self.body.outputs))])
 
     def split(self, point: Point) -> dict[str, float | None]:
         """The error by source."""
-        return errors.split(point, self.points, self.truth)
+        return errors.split(point, self.every, self.truth)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a change of dials does beside the base: ratios of error, CPU seconds and memory; behind: of the front."""
+    """What a change of dials does beside the base: ratios of error, CPU seconds, memory; behind: see `front.behind`."""
 
     changes: dict[str, Any]
     point: Point
@@ -92,5 +99,5 @@ def effects(found: Trade) -> list[Effect]:
             continue
         own = found.error(point)
         ratios = own / usual, point.cpu_seconds / base.cpu_seconds, point.memory_MB / base.memory_MB
-        result.append(Effect(changes, point, own, *ratios, behind(point, on_front, found.truth)))
+        result.append(Effect(changes, point, own, *ratios, behind(point, on_front, found.error)))
     return sorted(result, key=lambda e: (next(iter(e.changes)), str(next(iter(e.changes.values())))))
