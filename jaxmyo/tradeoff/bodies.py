@@ -132,16 +132,17 @@ _TUBE_OUTPUTS = (("outer radius", "mm"), ("height ratio", "–"))
 
 
 def _radial(dials: Dials) -> Scene:
-    return radial_tube(dials.elements)
+    return radial_tube(dials.elements, grading=dials.grading)
 
 
 def _axisymmetric(dials: Dials) -> Scene:
-    return axisymmetric_tube((dials.elements, max(1, dials.elements // 4)))
+    return axisymmetric_tube((dials.elements, max(1, dials.elements // 4)), grading=dials.grading)
 
 
 def _sector(dials: Dials, cartesian: bool) -> Scene:
     n = dials.elements
-    return tube_sector((n, n, max(1, n // 2)) if cartesian else (n, 2, 2), cartesian=cartesian)
+    elements = (n, n, max(1, n // 2)) if cartesian else (n, 2, 2)
+    return tube_sector(elements, cartesian=cartesian, grading=dials.grading)
 
 
 # A block between clamps: W = ½ (I1 − 3) + (I4 − 1)² kPa, stretched by 1.2.
@@ -175,7 +176,7 @@ _HELIX_PRESSURE = 8.0
 
 
 def _helix(dials: Dials) -> Scene:
-    return radial_tube(dials.elements, twist=True, fibre=HELIX.fibre, cross=HELIX.cross)
+    return radial_tube(dials.elements, grading=dials.grading, twist=True, fibre=HELIX.fibre, cross=HELIX.cross)
 
 
 def _read_helix(scene: Scene, states: Pair) -> Array:

@@ -20,17 +20,19 @@ class Dials:
     """One setting of all dials.
 
     model: which scene of the body ("" is the body's own); elements: of the mesh, along the direction that is refined;
-    quadrature: Gauss points along each direction in which something varies; patches: of the multipliers, "" is the
-    scene's own; precision; tolerance, path_tolerance, move: of `Settings`; steps: so many equal load steps instead of
-    adaptive ones (0); solver: of the linear systems, "" is the one that is chosen without asking; inner: relative
-    residual of the Krylov iterations in sparse solves, 0 for what Newton's method can use; tangent: "reused" keeps
-    factors and tangents for the next iterations as long as that pays, "new" makes them anew at every iteration;
-    compiler: "quick" compiles a small body in a third of the time of "default"; extrapolated: meshes of n, 2 n, ...
-    elements whose results are extrapolated to h = 0, `elements` is the finest.
+    grading: size of the outermost element of a wall over the innermost one; quadrature: Gauss points along each
+    direction in which something varies; patches: of the multipliers, "" is the scene's own; precision; tolerance,
+    path_tolerance, move: of `Settings`; steps: so many equal load steps instead of adaptive ones (0); solver: of the
+    linear systems, "" is the one that is chosen without asking; inner: relative residual of the Krylov iterations in
+    sparse solves, 0 for what Newton's method can use; tangent: "reused" keeps factors and tangents for the next
+    iterations as long as that pays, "new" makes them anew at every iteration; compiler: "quick" compiles a small body
+    in a third of the time of "default"; extrapolated: meshes of n, 2 n, ... elements whose results are extrapolated to
+    h = 0, `elements` is the finest.
     """
 
     model: str = ""
     elements: int = 16
+    grading: float = 1.0
     quadrature: int = 2
     patches: str = ""
     precision: Precision = "float64"
@@ -47,7 +49,16 @@ class Dials:
     @property
     def program(self) -> tuple[Any, ...]:
         """What one process measures: other numbers run the same compiled code."""
-        return self.model, self.elements, self.quadrature, self.patches, self.precision, self.solver, self.compiler
+        return (
+            self.model,
+            self.elements,
+            self.grading,
+            self.quadrature,
+            self.patches,
+            self.precision,
+            self.solver,
+            self.compiler,
+        )
 
     @property
     def settings(self) -> Settings:

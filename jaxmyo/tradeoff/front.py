@@ -47,6 +47,7 @@ def as_data(point: Point, errors: Sequence[float]) -> dict[str, Any]:
     return {
         "elements": d.elements,
         "extrapolated": d.extrapolated,
+        "grading": d.grading,
         "quadrature": d.quadrature,
         "precision": d.precision,
         "tolerance": d.tolerance,

@@ -68,7 +68,13 @@ def measure(body: str, dials: Sequence[Dials], effort: Effort, say: Callable[[st
 
 
 def _label(dials: Dials) -> str:
-    words = [dials.model, f"{dials.elements} elements", f"{dials.quadrature} Gauss points", dials.precision]
+    words = [
+        dials.model,
+        f"{dials.elements} elements",
+        f"grading {dials.grading:g}",
+        f"{dials.quadrature} Gauss points",
+        dials.precision,
+    ]
     return ", ".join(word for word in (*words, dials.patches, dials.solver) if word)
 
 

@@ -81,7 +81,8 @@ def _full(body: str) -> list[Dials]:
             *_grid(base, (4, 8, 16), (1, 2), ("float64", "float32", "mixed")),
             *_grid(base, (32,), (2,), ("float64", "float32", "mixed")),
             *_meshes(base, (64,), TOLERANCES),
-            *_at(base, {"quadrature": 3}, {"compiler": "default"}),
+            *_at(base, {"quadrature": 3}, {"compiler": "default"}, {"grading": 3.0}),
+            *_meshes(replace(base, grading=8.0), (8, 16, 32, 64)),
             *_at(base, *_STEPS, *models, *patched),
         ]
     if body == "axisymmetric":
