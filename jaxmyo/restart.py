@@ -24,7 +24,7 @@ from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.ties import Ties
 
-FORMAT, VERSION = "jaxmyo state", 2  # another version wherever the fields of State or Inputs change
+FORMAT, VERSION = "jaxmyo state", 3  # another version wherever the fields of State or Inputs change
 _CONDITIONS = {kind.__name__: kind for kind in (Traction, Pressure, BodyForce, Spring)}
 _FIELDS = [f.name for f in fields(State) if f.name not in ("scene", "system", "inputs", "conditions")]
 
