@@ -4,6 +4,7 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 """
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
+from jaxmyo.arc_length import Trace, trace
 from jaxmyo.conditions import (
     BodyForce,
     Displacement,
@@ -79,6 +80,7 @@ __all__ = [
     "Stretch",
     "Study",
     "Symmetry",
+    "Trace",
     "Traction",
     "Uniform",
     "Ventricle",
@@ -109,6 +111,7 @@ __all__ = [
     "structured",
     "study",
     "thin_sample",
+    "trace",
     "tube_sector",
     "ventricle_body",
     "ventricle_mesh",
