@@ -4,6 +4,7 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 """
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
+from jaxmyo.accuracy import Answer, converge
 from jaxmyo.arc_length import Trace, trace
 from jaxmyo.conditions import (
     BodyForce,
@@ -56,6 +57,7 @@ __all__ = [
     "PRINTED",
     "SETS",
     "TABLE1",
+    "Answer",
     "BodyForce",
     "Coordinates",
     "Cycle",
@@ -91,6 +93,7 @@ __all__ = [
     "box",
     "columns",
     "contract",
+    "converge",
     "cycle",
     "guccione",
     "helix_fibres",

@@ -25,7 +25,7 @@ from jaxmyo import checks, control, progress
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
-from jaxmyo.linear import At, Dense
+from jaxmyo.linear import At, Dense, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.scene import Scene
 from jaxmyo.solve import DEFAULT, Problem, as_state, problem
@@ -104,6 +104,8 @@ def trace(
         raise TypeError("trace follows one branch, outside of jit, vmap and grad")
     if int(steps) != steps or steps < 1:
         raise ValueError(f"steps = {steps} must be an integer ≥ 1 (number of states after the start)")
+    if settings.precision != "float64":
+        raise ValueError(f'settings.precision = {settings.precision!r}: a trace is in "float64"')
     if not 0.0 < move <= 1.0:
         raise ValueError(f"move = {move:g} is outside (0, 1] (–, the largest strain of a step)")
     old = (state if start is None else start).conditions
@@ -156,23 +158,23 @@ class _Trial(NamedTuple):
     lost: Any
 
 
-def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, settings: Settings) -> _Found:
-    """The state on a plane, by Newton's method. Each correction must be at most half of the one before."""
+def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: Any, max_iterations: int) -> _Found:
+    """The state on a plane, by Newton's method, to a relative residual `tolerance`. Each correction must be at most half of the one before."""
     xp = lin.xp
     by_load = jax.tree.map(lambda a, b: b - a, begin, end)
 
     def done(s: _Trial) -> Any:
-        limit = s.at.noise.clip(settings.tolerance)
+        limit = s.at.noise.clip(tolerance)
         return (s.at.residual <= limit) & (s.size <= 1e5 * limit)
 
     def keep_going(s: _Trial) -> Any:
-        return ~done(s) & ~s.lost & (s.iteration < settings.max_iterations)
+        return ~done(s) & ~s.lost & (s.iteration < max_iterations)
 
     def look(s: _Trial) -> _Trial:
         z, load = s.z + s.by_z, s.load + s.by_load
         inputs = _at_load(xp, begin, end, load)
         at = lin.at(z, inputs)
-        factors = lin.factorise(at, 1e-13 * at.modulus, s.size <= 0.03)
+        factors = lin.factorise(at, negligible(xp, z) * at.modulus, s.size <= 0.03)
         rate, speed = lin.rates(z, inputs, by_load, factors)
         x = -factors.solve(at.r, 1e-9)
         off = xp.sum(plane.a * (z - plane.z)) + plane.c * (load - plane.load)
@@ -180,7 +182,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, settings: S
         dz = x + d_load * rate
         size, _ = lin.strain_of(dz)
         good = at.finite & (at.least_J > 0.0) & xp.isfinite(size) & xp.isfinite(speed)
-        shrinks = (size <= 0.5 * s.size) | (size <= 1e5 * at.noise.clip(settings.tolerance))
+        shrinks = (size <= 0.5 * s.size) | (size <= 1e5 * at.noise.clip(tolerance))
         return _Trial(z, load, dz, d_load, size, rate, speed, at, s.iteration + 1, ~(good & shrinks))
 
     one = xp.array(1.0)
@@ -212,7 +214,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, settings: S
         steps=xp.array(1),
         rejected=xp.array(0),
         iterations=last.iteration,
-        history=xp.zeros(settings.max_iterations + 1),
+        history=xp.zeros(max_iterations + 1),
         negative=negative,
         zero=zero,
         stable_until=one,
@@ -221,9 +223,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, settings: S
     return _Found(last.z, last.load, last.rate, last.speed, solution, converged)
 
 
-@partial(jax.jit, static_argnames="settings")
-def _correct_dense(lin: Dense, plane: _Plane, begin: Inputs, end: Inputs, settings: Settings) -> _Found:
-    return _correct(lin, plane, begin, end, settings)
+_correct_dense = partial(jax.jit, static_argnames="max_iterations")(_correct)
 
 
 class _Way(NamedTuple):
@@ -261,8 +261,10 @@ class _Branch:
     def correct(self, z: Any, load: float, a: Any, c: float) -> _Found:
         as_own = jnp.asarray if self.path.system.is_small else np.asarray
         plane = _Plane(as_own(z), as_own(load, dtype=float), as_own(a), as_own(c, dtype=float))
+        tolerance = as_own(self.settings.tolerance, dtype=float)
         run = _correct_dense if self.path.system.is_small else _correct
-        return run(self.lin, plane, self.path.begin, self.path.end, settings=self.settings)
+        ends = self.path.begin, self.path.end
+        return run(self.lin, plane, *ends, tolerance, max_iterations=self.settings.max_iterations)
 
     def at_fixed_load(self, z: Any, load: float) -> _Found:
         return self.correct(z, load, np.zeros(self.path.system.size), 1.0)
