@@ -120,8 +120,10 @@ def trace(
 
 
 class _Found(NamedTuple):
-    """A state of the branch: z; load: λ; rate: dz/dλ; speed: strain of the body per λ; weight: ⟨rate, ·⟩ of the plane;
-    solution: the state; converged."""
+    """A state of the branch.
+
+    z: unknowns; load: λ; rate: dz/dλ; speed: strain of the body per λ; solution: the state; converged: whether it is.
+    """
 
     z: Any
     load: Any
@@ -159,7 +161,10 @@ class _Trial(NamedTuple):
 
 
 def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: Any, max_iterations: int) -> _Found:
-    """The state on a plane, by Newton's method, to a relative residual `tolerance`. Each correction must be at most half of the one before."""
+    """The state on a plane, by Newton's method, to a relative residual of `tolerance`.
+
+    Each correction must be at most half of the one before.
+    """
     xp = lin.xp
     by_load = jax.tree.map(lambda a, b: b - a, begin, end)
 

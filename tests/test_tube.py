@@ -307,7 +307,7 @@ def test_limit_point_without_the_weave() -> None:
     assert_second_order(errors, 2)
     assert abs(extrapolated(found) - 7.220144) < 2e-6
     assert_stopped(states[0], found[0])
-    with pytest.raises(jm.SolveError, match=r"^LIMIT_POINT at .* \(a limit point\): .* jaxmyo.trace") as caught:
+    with pytest.raises(jm.SolveError, match=r"^LIMIT_POINT at .* \(a limit point\): .*jaxmyo.trace") as caught:
         jm.load(radial(16, None).A, ACTIVE)
     assert pressure_named(str(caught.value)) == found[0]
     assert_stopped(caught.value.state, found[0])
