@@ -6,7 +6,8 @@ tangent K, K x = −r and K y = −∂r/∂λ give the corrections dz = x + dλ 
 a limit point, the bordered system is not, and no state comes closer to it than these two solves can bear.
 
 A **limit point** is where dλ/ds changes its sign; it is found by bisection and secants between two states. Where the
-count of unstable modes changes and no limit point explains it, branches cross: a **bifurcation**, found by bisection.
+count of unstable modes changes and no limit point explains it, branches cross: a **bifurcation**, found by bisection
+(the first one, where several lie in one step).
 """
 
 from collections.abc import Callable
@@ -37,7 +38,7 @@ from jaxmyo.status import MEANING, SolveError, Status
 #: does not move changes by 0.1 per step.
 LOAD = 10.0
 #: The smallest step, and how near a special point is found, over the largest step [–].
-SMALLEST, NEAR = 1e-6, 1e-7
+SMALLEST, NEAR = 1e-6, 1e-6
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: 
         at = lin.at(z, inputs)
         factors = lin.factorise(at, negligible(xp, z) * at.modulus, s.size <= 0.03)
         rate, speed = lin.rates(z, inputs, by_load, factors)
-        x = -factors.solve(at.r, 1e-9)
+        x = -factors.solve(at.r, 1e-4)  # of a sparse body; near a limit point no more can be asked for
         off = xp.sum(plane.a * (z - plane.z)) + plane.c * (load - plane.load)
         d_load = -(off + xp.sum(plane.a * x)) / (plane.c + xp.sum(plane.a * rate))
         dz = x + d_load * rate
@@ -356,23 +357,35 @@ class _Branch:
         """The state between two others where dλ/ds = 0: secants (Illinois), the best state that was found."""
         a, b = 0.0, ds
         rise_a, rise_b = way.rise(self.of_load), to.rise(self.of_load)
-        best = min((way, to), key=lambda w: abs(w.rise(self.of_load)))
+        best, moved = min((way, to), key=lambda w: abs(w.rise(self.of_load))), ""
         for _ in range(40):
             if b - a <= NEAR * self.move:
                 break
-            s = b - rise_b * (b - a) / (rise_b - rise_a)
-            s = min(max(s, a + 0.01 * (b - a)), b - 0.01 * (b - a))
-            mid, _off = self.ahead(way, s)
+            part = rise_a / (rise_a - rise_b)
+            s, mid = self._near_part(way, a, b, min(max(part, 0.01), 0.99))
             if mid is None:  # too close to it for two solves with K
                 break
             rise = mid.rise(self.of_load)
             if abs(rise) < abs(best.rise(self.of_load)):
                 best = mid
-            if rise * rise_b > 0.0:
-                b, rise_b, rise_a = s, rise, 0.5 * rise_a
+            if rise * rise_b > 0.0:  # an end that stays twice counts for half
+                b, rise_b, rise_a = s, rise, rise_a * (0.5 if moved == "b" else 1.0)
+                moved = "b"
             else:
-                a, rise_a, rise_b = s, rise, 0.5 * rise_b
+                a, rise_a, rise_b = s, rise, rise_b * (0.5 if moved == "a" else 1.0)
+                moved = "a"
         return best.found
+
+    def _near_part(self, way: _Way, a: float, b: float, part: float) -> tuple[float, _Way | None]:
+        """A state at about this part of the steps from a to b, beside those where the tangent is singular; its step."""
+        for by in (1.0, 0.9, 1.1, 0.7):
+            s = a + min(by * part, 0.995) * (b - a)
+            if not self.path.system.is_small:  # factors of its own tell the count of its modes
+                self.lin.release()
+            found, _off = self.ahead(way, s)
+            if found is not None:
+                return s, found
+        return s, None
 
     def _crossing(self, way: _Way, to: _Way, ds: float) -> _Found | None:
         """The last state found before the count of unstable modes changes; None where the body jumps there.
@@ -381,13 +394,13 @@ class _Branch:
         """
         a, b, before, after = 0.0, ds, way.found, to.found
         while b - a > NEAR * self.move:
-            mid, _off = self.ahead(way, 0.5 * (a + b))
+            s, mid = self._near_part(way, a, b, 0.5)
             if mid is None:  # the tangent is all but singular
                 break
             if _unstable(mid.found) == _unstable(way.found):
-                a, before = 0.5 * (a + b), mid.found
+                a, before = s, mid.found
             else:
-                b, after = 0.5 * (a + b), mid.found
+                b, after = s, mid.found
         apart = float(self.lin.strain_of(after.z - before.z)[0])
         return before if apart <= 10.0 * (b - a) + 1e-3 * NEAR else None
 
