@@ -31,31 +31,32 @@ def follow(
     if settings.precision == "float32":
         at = exact.at(rough.z, begin)
         negative, zero = exact.inertia(at, rough.z)
-        known = {"negative": jnp.where(valid, negative, -1), "zero": jnp.where(valid, zero, -1)}
+        known: dict[str, Any] = {"negative": jnp.where(valid, negative, -1), "zero": jnp.where(valid, zero, -1)}
         force = jnp.max(jnp.abs(at.r[: exact.system.n_u]), initial=0.0)
-        residuals = {"residual": at.residual, "force_residual": force, "constraint_residual": at.violation}
-        return rough._replace(inputs=begin, **known, **residuals), at.K
+        known |= {"residual": at.residual, "force_residual": force, "constraint_residual": at.violation}
+        return rough._replace(inputs=begin, **known), at.K
     # A start that is not known in float32, such as one with constants of 1e40, is left to float64 alone.
     usable = jnp.all(jnp.isfinite(rough.z)) & (rough.steps > rough.rejected)
     z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, start))
     s, K = continuation.follow(exact, z, begin, end, valid, from_rest & ~usable, settings)
     reached = jnp.where(usable, rough.reached, 0.0)
-    spent = {name: getattr(rough, name) + getattr(s, name) for name in ("steps", "rejected", "iterations")}
-    end_reached = jnp.where(s.status == Status.CONVERGED, 1.0, reached + (1.0 - reached) * s.reached)
     first = jnp.where(usable, rough.stable_until, 1.0)
     then = jnp.where(s.stable_until >= 1.0, 1.0, reached + (1.0 - reached) * s.stable_until)
-    return s._replace(reached=end_reached, stable_until=jnp.where(first < 1.0, first, then), **spent), K
+    reached = jnp.where(s.status == Status.CONVERGED, 1.0, reached + (1.0 - reached) * s.reached)
+    spent: Any = {name: getattr(rough, name) + getattr(s, name) for name in ("steps", "rejected", "iterations")}
+    return s._replace(reached=reached, stable_until=jnp.where(first < 1.0, first, then), **spent), K
 
 
 def _in_float32(exact: Dense, z: Array, *path: Any) -> Solution:
     """The solution with all arithmetic in float32; its numbers are of JAX's float64 and int64 again."""
-    *given, settings = path
+    start, end, valid, from_rest, settings = path
     numbers: dict[str, Any] = {name: jnp.asarray(getattr(settings, name)) for name in NUMBERS}
     for name in ("tolerance", "path_tolerance"):
         numbers[name] = jnp.maximum(numbers[name], TOLERANCE)
-    lin, z, given, numbers = jax.tree.map(_narrow, (exact, z, given, numbers))
+    numbers = jax.tree.map(_narrow, numbers)
+    lin, z, start, end, valid, from_rest = jax.tree.map(_narrow, (exact, z, start, end, valid, from_rest))
     with jax.enable_x64(False):
-        solution, _ = continuation.follow(lin, z, *given, settings._replace(**numbers))
+        solution, _ = continuation.follow(lin, z, start, end, valid, from_rest, settings._replace(**numbers))
     return jax.tree.map(_wide, solution)
 
 
