@@ -148,7 +148,7 @@ def test_a_failed_solve_says_that_the_material_is_lost_and_where() -> None:
     slope = MU * (1.0 + 2.0 * along**-3) + 100.0 * MU * (3.0 * along**2 - 1.0)  # dP/dλ
     assert abs(slope) < 1.0
     assert float(state.ellipticity.min()) < 0.0
-    assert "has lost ellipticity in 100.0% of the Gauss points, most in element 0, Gauss point 0: " in str(caught.value)
+    assert "has lost ellipticity, most in element 0, Gauss point 0: " in str(caught.value)
     assert "kPa for a band normal to (1.000, 0.000, 0.000)" in str(caught.value).replace("-", "")
     assert "the largest stretch" in str(caught.value)
     quiet = jm.load(A, jm.Traction("x1", (-200.0, 0.0, 0.0)), throw=False)
