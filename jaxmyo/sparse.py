@@ -527,8 +527,13 @@ def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
 
 def forget() -> None:
     """Free the patterns and factors that are kept for the next solve, and for derivatives of the last ones."""
-    _known.clear()
+    forget_factors()
     _held.clear()
+
+
+def forget_factors() -> None:
+    """Free those for the next solve: what it finds then does not depend, in its last digits, on what was before."""
+    _known.clear()
 
 
 def _equal(a: Any, b: Any) -> bool:
