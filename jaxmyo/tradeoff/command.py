@@ -64,7 +64,7 @@ def fronts(found: list[Trade]) -> dict[str, dict[str, Any]]:
             "truth": t.truth.outputs[0],
             "doubt": t.truth.doubt[0],
             "truth_is": t.truth.source,
-            "settings": [t.data(p) for p in t.front],
+            "settings": [t.data(p) for p in t.settings],
         }
         for t in found
     }
