@@ -24,13 +24,13 @@ QUICK_BASE = {
     "sample": Dials(elements=1),
     "radial": Dials(elements=8),
     "axisymmetric": Dials(elements=4),
-    "sector": Dials(elements=6),
-    "block": Dials(elements=6),
+    "sector": Dials(elements=4),
+    "block": Dials(elements=4),
     "helix": Dials(elements=8),
 }
 #: Meshes, each twice as fine as the one before, whose extrapolation is exact enough where there is no exact solution.
 FINEST = {"block": (8, 16, 32)}
-QUICK_FINEST = {"block": (3, 6, 12)}
+QUICK_FINEST = {"block": (2, 4, 8)}
 
 
 def plan(body: str, quick: bool) -> list[Dials]:
@@ -58,9 +58,9 @@ def _quick(body: str) -> list[Dials]:
     base = QUICK_BASE[body]
     few = _meshes(base, (base.elements,), (1e-13, 1e-4))
     if body == "radial":
-        return [*_meshes(base, (4, 8, 16)), *_at(base, *_STEPS[:2], {"precision": "float32"})]
+        return [*_meshes(base, (4, 8)), *_at(base, *_STEPS[:2], {"precision": "float32"})]
     if body == "block":
-        return [*few, *_meshes(base, (3, 12), (1e-13,)), *_at(base, {"solver": "SuperLU"})]
+        return [*few, *_meshes(base, (2, 8), (1e-13,))]
     return few
 
 
