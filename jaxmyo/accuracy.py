@@ -109,51 +109,50 @@ def converge(
         raise ValueError(f"accuracy = {accuracy} is outside [1e-12, 0.1] (–, relative error of the output)")
     if not isinstance(max_elements, int) or max_elements < 2:
         raise ValueError(f"max_elements = {max_elements} must be an integer ≥ 2")
-    elements, settings = first_setting(accuracy, checks.choice("like", like, list(_fronts())), max_elements)
+    n, finest, settings = first_setting(accuracy, checks.choice("like", like, list(_fronts())), max_elements)
     algebra = _STRAIN_PER_TOLERANCE * settings.tolerance
-    found: list[tuple[int, float]] = []
+    meshes: list[int] = []
+    values: list[float] = []
     while True:
-        for n in elements:
-            try:
-                state = attempt(n, settings)
-                if not bool(state.converged):
-                    raise SolveError(state.message, state)
-            except SolveError:
-                if 2 * n > max_elements:
-                    raise
-                found = []  # meshes without a gap
-                continue
-            found.append((n, _number(output, state, n)))
-        n = elements[-1]
-        values = [v for _, v in found]
-        same = len(values) > 1 and values[-1] == values[-2]  # nothing was there to refine
-        value, error, order, extrapolated = extrapolate(values)
-        wanted = max(accuracy - algebra, 0.0) * abs(value)
-        if len(found) > 1 and (same or error <= wanted or 2 * n > max_elements or algebra > accuracy):
-            meshes, numbers = zip(*found, strict=True)
-            share = error / abs(value)
-            seconds = time.perf_counter() - started
-            return Answer(
-                value, share, algebra, accuracy, state, meshes, numbers, order, extrapolated, settings, seconds
-            )
-        elements = (2 * n,)
+        last = 2 * n > max_elements
+        try:
+            state = attempt(n, settings)
+            if not bool(state.converged):
+                raise SolveError(state.message, state)
+            meshes, values = [*meshes, n], [*values, _number(output, state, n)]
+        except SolveError:
+            if last:
+                raise
+            meshes, values = [], []  # of meshes without a gap
+        if len(values) > 1:
+            value, error, order, extrapolated = extrapolate(values)
+            same = values[-1] == values[-2]  # nothing was there to refine
+            enough = n >= finest and error <= (accuracy - algebra) * abs(value)
+            if same or enough or last or algebra > accuracy:
+                break
+        elif last:
+            raise ValueError(f"max_elements = {max_elements} leaves one mesh that has a state; two are needed")
+        n *= 2
+    seconds = time.perf_counter() - started
+    mine = (value, error / abs(value), algebra, accuracy, state, tuple(meshes), tuple(values), order, extrapolated)
+    return Answer(*mine, settings, seconds)
 
 
-def first_setting(accuracy: float, like: str, max_elements: int) -> tuple[tuple[int, ...], Settings]:
-    """Meshes and settings to begin with: the cheapest of the front that are as exact as wanted, else its last ones."""
+def first_setting(accuracy: float, like: str, max_elements: int) -> tuple[int, int, Settings]:
+    """The coarsest and the finest mesh to begin with, and settings: the cheapest of the front that are exact enough."""
     usual = {"grading": 1.0, "quadrature": 2, "precision": "float64", "steps": 0}  # what every attempt can do
-    front = [s for s in _fronts()[like]["settings"] if usual.items() <= s.items()]
-    best = next((s for s in front if s["error"] <= accuracy), front[-1])
-    n, meshes = int(best["elements"]), max(2, int(best["extrapolated"]))
-    while n > max_elements:
-        n //= 2
+    front = [
+        s for s in _fronts()[like]["settings"] if all(s.get(name, value) == value for name, value in usual.items())
+    ]
+    meshes = 2 if accuracy >= 1e-3 else 3  # two tell little, and their estimate is wide
+    enough = [s for s in front if s["extrapolated"] >= meshes - 1]
+    best = next((s for s in enough if s["error"] <= accuracy), enough[-1])
+    n, meshes = int(best["elements"]), max(meshes, int(best["extrapolated"]))
+    n = min(n, 1 << (max_elements.bit_length() - 1))
     coarsest = max(1, n >> (meshes - 1))
-    elements = [coarsest]
-    while 2 * elements[-1] <= max(n, 2):
-        elements.append(2 * elements[-1])
     tolerance = max(Settings().tolerance, min(best["tolerance"], _ALGEBRA * accuracy / _STRAIN_PER_TOLERANCE))
     kept = {name: best[name] for name in ("path_tolerance", "move")}
-    return tuple(elements), Settings(tolerance=tolerance, **kept)
+    return coarsest, n, Settings(tolerance=tolerance, **kept)
 
 
 def extrapolate(values: list[float]) -> tuple[float, float, float | None, bool]:
