@@ -210,12 +210,17 @@ def test_a_few_settings_from_end_to_end(tmp_path: Path) -> None:
 def test_the_front_in_the_package_is_one() -> None:
     data = json.loads(FRONT.read_text(encoding="utf-8"))
     assert set(data["bodies"]) <= set(BODIES)
-    for name, body in data["bodies"].items():
+    for body in data["bodies"].values():
         for front_of in ("on_front", "on_plain_front"):
             some = [s for s in body["settings"] if s[front_of]]
             seconds, errors = ([s[key] for s in some] for key in ("cpu_seconds", "error"))
             assert len(some) > 1
             assert pareto(seconds, errors) == list(range(len(seconds)))
+
+
+@pytest.mark.slow
+def test_the_truth_in_the_package_is_the_exact_one() -> None:
+    for name, body in json.loads(FRONT.read_text(encoding="utf-8"))["bodies"].items():
         exact = BODIES[name].exact
         if exact is not None:
             assert body["truth"] == pytest.approx(exact()[0], rel=1e-12)
