@@ -214,7 +214,7 @@ def test_the_front_in_the_package_is_one() -> None:
         for front_of in ("on_front", "on_plain_front"):
             some = [s for s in body["settings"] if s[front_of]]
             seconds, errors = ([s[key] for s in some] for key in ("cpu_seconds", "error"))
-            assert len(some) > 1
+            assert some
             assert pareto(seconds, errors) == list(range(len(seconds)))
 
 
