@@ -17,12 +17,27 @@ the most that the process held. Small bodies run as one program compiled by `jax
 `compiler` says otherwise. Settings of one program take turns."""
 
 
-def write(path: Path, found: Sequence[Trade], pictures: dict[str, Path], versions: dict[str, str]) -> Path:
-    """The report beside its pictures."""
+_SINGLES = ("wall / radius", "β", "kPa inside", "float64", "float32", "radius", "p", "mixed", "radius", "p")
+
+
+def write(
+    path: Path,
+    found: Sequence[Trade],
+    pictures: dict[str, Path],
+    versions: dict[str, str],
+    singles: Sequence[Sequence[str]] = (),
+) -> Path:
+    """The report beside its pictures; singles: the rows of `extremes`."""
     parts = ["# Speed for accuracy, measured", ", ".join(f"{k} {v}" for k, v in versions.items()) + ".", _HOW]
     for trade in found:
         parts += _section(trade, pictures[trade.body.name])
     parts += _precision(found)
+    if singles:
+        parts += [
+            "**Thin walls and states near rest**: the radial tube of 4 elements; relative difference from float64 of "
+            "the outer radius and of the mean pressure p of state C.",
+            _table(_SINGLES, singles),
+        ]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return path
 
