@@ -16,7 +16,7 @@ BASE = {
     "sample": Dials(elements=1),
     "radial": Dials(elements=16),
     "axisymmetric": Dials(elements=8),
-    "sector": Dials(elements=8),
+    "sector": Dials(elements=4),
     "block": Dials(elements=8),
     "helix": Dials(elements=16),
 }
@@ -92,11 +92,12 @@ def _full(body: str) -> list[Dials]:
             {"solver": "SuperLU"},
             {"solver": "Pardiso, float64"},
             {"patches": "p: blocks"},
-            *_STEPS,
+            {"quadrature": 1},
+            {"precision": "float32"},
+            {"precision": "mixed"},
         ]
-        grid = _grid(base, (4, 8, 16), (2, 3), ("float64",))
-        dense = _at(replace(base, elements=4), {"precision": "float32"}, {"precision": "mixed"})
-        return [*grid, *dense, *_at(base, {"quadrature": 1}, *others)]
+        grid = [replace(base, elements=n, quadrature=q, tolerance=t) for n, q, t in product((2, 4, 8), (2, 3), _FEW)]
+        return [*grid, *_at(base, *_STEPS[:3], *others)]
     if body == "block":
         solvers: list[dict[str, Any]] = [{"solver": s} for s in ("Pardiso, float64", "SuperLU", "multigrid")]
         inner: list[dict[str, Any]] = [{"inner": x} for x in (1e-2, 1e-4, 1e-9)]
