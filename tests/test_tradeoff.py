@@ -12,7 +12,7 @@ from conftest import jaxmyo_in
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxmyo.tradeoff import plan
+from jaxmyo.tradeoff import extremes, plan
 from jaxmyo.tradeoff.bodies import BODIES
 from jaxmyo.tradeoff.dials import Dials
 from jaxmyo.tradeoff.errors import Truth, counted, error, extrapolated, finest, neville, split
@@ -183,6 +183,20 @@ def test_the_store_goes_on_where_it_stood(tmp_path: Path) -> None:
 
 def silent(_: str) -> None:
     pass
+
+
+def test_float32_is_compared_with_float64_case_by_case(tmp_path: Path) -> None:
+    told = {"status": "CONVERGED", "radius": 2.0, "p": 10.0}
+    off = told | {"radius": 2.0 * (1.0 + 1e-6), "p": 11.0}
+    failed = told | {"status": "SINGULAR"}
+    n = len(extremes.CASES)
+    found = {"float64": [told] * n, "float32": [off] * (n - 1) + [failed], "mixed": [told] * n}
+    path = tmp_path / "extremes.json"
+    path.write_text(json.dumps({"versions": {"jax": "1"}, "cases": found}))
+    rows = extremes.rows(extremes.measured(path, {"jax": "1"}, silent))
+    assert rows[0][:4] == ("0.75", "1", "18", "CONVERGED")
+    assert rows[0][4:] == ("CONVERGED", "1.0e-06", "1.0e-01", "CONVERGED", "0.0e+00", "0.0e+00")
+    assert rows[-1][4:7] == ("SINGULAR", "–", "–")
 
 
 def test_a_few_settings_from_end_to_end(tmp_path: Path) -> None:
