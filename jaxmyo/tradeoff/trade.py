@@ -49,7 +49,8 @@ class Trade:
     @property
     def _asked_for(self) -> list[Point]:
         plain = [p for p in self.every if not (p.dials.solver or p.dials.inner or p.dials.tangent == "new")]
-        return [p for p in plain if not p.dials.model and not p.dials.patches and p.dials.compiler == "quick"]
+        compiler = self.base.dials.compiler
+        return [p for p in plain if not p.dials.model and not p.dials.patches and p.dials.compiler == compiler]
 
     def error(self, point: Point, output: int = 0) -> float:
         """Relative error of an output [–], without the luck of parts that cancel."""
@@ -108,13 +109,13 @@ def _truth(body: Body, name: str, base: Dials, points: Sequence[Point], quick: b
 
 
 def effects(found: Trade) -> list[Effect]:
-    """Every setting that differs from the base in one dial, or is the base extrapolated."""
+    """Every setting that differs from the base in one dial, or in the model and its mesh, or is extrapolated."""
     base, on_front = found.base, found.front
     usual = found.error(base)
     result = []
     for point in found.every:
         changes = point.dials.changed(base.dials)
-        if len(changes) != 1:
+        if len(changes) != 1 and set(changes) != {"model", "elements"}:
             continue
         own = found.error(point)
         ratios = own / usual, point.cpu_seconds / base.cpu_seconds, point.memory_MB / base.memory_MB
