@@ -14,7 +14,8 @@ time. *Warm* is both states of the body, A and C, with the code compiled and pat
 the median by the clock, *CPU* the least of all cores together, which other programs disturb less: fronts and ratios are
 of CPU seconds. *Cold* is the first solve of the process with all that is compiled, nothing kept from before. Memory is
 the most that the process held. Small bodies run as one program, compiled by `jaxmyo.compiler.QUICK` unless the dial
-`compiler` says "default", which takes two or three times as long and runs faster, in three dimensions much faster. Settings of one program take turns."""
+`compiler` says "default", which takes two or three times as long and runs faster, in three dimensions much faster.
+Settings of one program take turns."""
 
 
 _SINGLES = ("wall / radius", "β", "kPa inside", "float64", "float32", "radius", "p", "mixed", "radius", "p")
