@@ -15,7 +15,7 @@ from jaxmyo.constants import SETS
 from jaxmyo.stability.independent import Array
 
 #: Elements through the wall of the random tubes.
-WALL = 4
+WALL = 2
 #: Which constants are moduli, in kPa: all but the exponents of Q.
 MODULI = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
 

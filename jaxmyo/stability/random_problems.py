@@ -23,7 +23,7 @@ from jaxmyo.solve import contract, load
 from jaxmyo.stability import independent, reference
 from jaxmyo.stability.independent import Array, Body, Muscle
 from jaxmyo.stability.problems import WALL, Problems, draw
-from jaxmyo.stability.reference import End, Path
+from jaxmyo.stability.reference import Drive, End
 from jaxmyo.state import State
 from jaxmyo.status import Status
 
@@ -72,7 +72,7 @@ def outcome(kind: str, weave: bool, n: int, seed: int) -> Outcome:
     error_A, off_A = _held_against(body, muscle, none, A, ref_A, None)
     same = np.flatnonzero((off_A <= SAME) & (ref_A.end == End.REACHED))
     left = muscle_C(body, muscle, ref_A.z)
-    ref_C = branch_C(kind, body, muscle, left, ref_A.z, problems, same)
+    ref_C = branch_C(kind, body, left, ref_A.z, problems, same)
     fixed = (0, 1) if kind == "sample" else ()
     pressure = none if kind == "sample" else problems.target[:, 0]
     error_C, off_C = _held_against(body, left, pressure, C, ref_C, fixed)
@@ -159,31 +159,30 @@ def muscle_C(body: Body, muscle: Muscle, z_A: Array) -> Muscle:
 def branch_A(body: Body, muscle: Muscle) -> reference.Branch:
     """Free contraction from rest, the activation growing."""
     n = len(muscle.T0)
-    none = np.zeros((n, 0))
-
-    def at(s: Array, some: Any) -> tuple[Muscle, Array, Array]:
-        return muscle[some].at(s * muscle.beta[some]), np.zeros(len(s)), none[some]
-
-    size = body.n_u + body.n_p + (muscle.a_over_D is not None)
-    return reference.follow(body, np.zeros((n, size)), Path(at))
+    none, size = np.zeros(n), body.n_u + body.n_p + (muscle.a_over_D is not None)
+    return reference.follow(body, np.zeros((n, size)), Drive(muscle.at(none), none), Drive(muscle, none))
 
 
 def branch_C(
-    kind: str, body: Body, muscle_A: Muscle, left: Muscle, z_A: Array, problems: Problems, some: NDArray[np.int64]
+    kind: str, body: Body, left: Muscle, z_A: Array, problems: Problems, some: NDArray[np.int64]
 ) -> reference.Branch:
-    """The loaded states of `some` problems, from their states A; the others have none (NaN, End.ENDS)."""
+    """The loaded states of `some` problems, from their states A; the others have none (NaN, End.LOST).
+
+    Both stretches of a sample are prescribed: the third is 1/(λ1 λ2), and p = λ3 ∂W/∂λ3 leaves no stress normal to it.
+    """
     n, size = len(problems.T0), body.n_u + body.n_p
-    z, reached, end = np.full((n, size), np.nan), np.zeros(n), np.full(n, int(End.ENDS))
-    target, few, driven, start = problems.target[some], body[some], left[some], z_A[some, :size]
-
-    def at(s: Array, part: Any) -> tuple[Muscle, Array, Array]:
-        if kind == "tube":
-            return driven[part], s * target[part, 0], np.zeros((len(s), 0))
-        begin = start[part, :2]
-        return driven[part], np.zeros(len(s)), begin + s[:, None] * (target[part] - 1.0 - begin)
-
-    branch = reference.follow(few, start, Path(at, (0, 1) if kind == "sample" else ()))
-    z[some], reached[some], end[some] = branch
+    z, reached, end = np.full((n, size), np.nan), np.zeros(n), np.full(n, int(End.LOST))
+    few, driven, target, none = body[some], left[some], problems.target[some], np.zeros(len(some))
+    if kind == "tube":
+        z[some], reached[some], end[some] = reference.follow(
+            few, z_A[some, :size], Drive(driven, none), Drive(driven, target[:, 0])
+        )
+        return reference.Branch(z, reached, end)
+    z[some] = np.column_stack([target - 1.0, 1.0 / np.prod(target, axis=1) - 1.0, none])
+    with np.errstate(all="ignore"):
+        z[some, 3] = independent.residual_and_tangent(few, driven, z[some], none)[0][:, 2] / np.prod(target, axis=1)
+    finite = np.isfinite(z[some, 3])
+    end[some], reached[some] = np.where(finite, End.REACHED, End.OVERFLOW), finite
     return reference.Branch(z, reached, end)
 
 
