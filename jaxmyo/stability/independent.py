@@ -74,6 +74,10 @@ class Body:
         of = (self.Ri[some], self.H[some], self.inner[some], self.axial[some])
         return Body(self.B[some], self.weight[some], self.patch, *of)
 
+    def inner_radius(self, z: Array) -> Array:
+        """(n,) [mm] deformed; 0 of a sample."""
+        return np.asarray(self.Ri + np.einsum("na,na->n", self.inner, z[:, : self.n_u]))
+
     def stretches(self, z: Array) -> Array:
         """λf, λcf, λn (n, points, 3) of the unknowns z (n, n_u + n_p[ + 1])."""
         return 1.0 + np.einsum("ngia,na->ngi", self.B, z[:, : self.n_u])
@@ -140,7 +144,7 @@ def residual_and_tangent(body: Body, muscle: Muscle, z: Array, pressure: Array) 
         r[:, n_u + e] = -0.5 * np.sum((w * (J2 - 1.0))[:, here], axis=1)
         K[:, n_u + e, :n_u] = np.sum(of_p[:, here], axis=1)
     K[:, :n_u, n_u:] = np.swapaxes(K[:, n_u:, :n_u], 1, 2)
-    ri, height = (x + np.sum(y * z[:, :n_u], axis=1) for x, y in ((body.Ri, body.inner), (body.H, body.axial)))
+    ri, height = body.inner_radius(z), body.H + np.einsum("na,na->n", body.axial, z[:, :n_u])
     r[:, :n_u] -= (pressure * ri * height)[:, None] * body.inner
     change = ri[:, None] * body.axial + height[:, None] * body.inner
     K[:, :n_u, :n_u] -= pressure[:, None, None] * body.inner[:, :, None] * change[:, None, :]

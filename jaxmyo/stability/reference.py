@@ -25,12 +25,13 @@ MOST_STEPS = 3000
 
 
 class End(IntEnum):
-    """How a branch ends: at the wanted load; at a limit point before it; where float64 does; or nobody knows."""
+    """How a branch ends: at the wanted load; at a limit point; where float64 does; where a hole closes; or lost."""
 
     REACHED = 0
     LIMIT_POINT = 1
     OVERFLOW = 2
-    LOST = 3
+    CLOSED = 3
+    LOST = 4
 
 
 class Branch(NamedTuple):
@@ -97,7 +98,8 @@ def follow(body: Body, z: Array, begin: Drive, end: Drive) -> Branch:
             y[yes[~passed]], ahead[yes[~passed]] = found[~passed], new[~passed]
             grow = yes[~passed]
             step[grow] = np.minimum(1.5 * step[grow], STEP)
-    return Branch(y[:, :-1], y[:, -1], how)
+    closed = (how == End.LOST) & (body.Ri > 0.0) & (body.inner_radius(y) < 1e-3 * body.Ri)
+    return Branch(y[:, :-1], y[:, -1], np.where(closed, End.CLOSED, how))
 
 
 def _system(body: Body, y: Array, begin: Drive, end: Drive) -> tuple[Array, Array, Array]:
@@ -145,7 +147,8 @@ def _corrected(
         r, K, by_s = _system(few, at[go], begin.of(go), end.of(go))
         matrix = np.concatenate([np.concatenate([K, by_s[:, :, None]], axis=2), row[go, None, :]], axis=1)
         right = np.concatenate([r, np.einsum("na,na->n", row[go], at[go] - guess[go])[:, None]], axis=1)
-        inverted = np.any(few.stretches(at[go]) <= 0.0, axis=(1, 2))
+        closed = (few.Ri > 0.0) & (few.inner_radius(at[go]) <= 0.0)
+        inverted = np.any(few.stretches(at[go]) <= 0.0, axis=(1, 2)) | closed
         finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
         overflow[go[~finite]] = True
         dy = _solve(np.where(finite[:, None, None], matrix, 0.0), np.where(finite[:, None], right, 0.0))
