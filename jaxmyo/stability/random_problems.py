@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo.compiler import QUICK
+from jaxmyo.compiler import LONG
 from jaxmyo.conditions import Pressure, Stretch
 from jaxmyo.constants import LinYin
 from jaxmyo.scene import Scene
@@ -46,7 +46,8 @@ class Outcome(NamedTuple):
 
     error_A, error_C: relative residuals of the found states by the independent equations, NaN where there is none;
     off_A, off_C: the largest difference of a stretch from the reference, NaN where one of the two has none; a
-    state C is only asked for where the reference has a state A and the package found the same.
+    state C is only asked for where the reference has a state A and the package found the same; beyond: (n,) whether C
+    is on the branch of the reference, but beyond a limit point, which the package stepped over.
     """
 
     kind: str
@@ -60,6 +61,7 @@ class Outcome(NamedTuple):
     error_C: Array
     off_A: Array
     off_C: Array
+    beyond: NDArray[np.bool_]
 
 
 def outcome(kind: str, weave: bool, n: int, seed: int) -> Outcome:
@@ -76,7 +78,8 @@ def outcome(kind: str, weave: bool, n: int, seed: int) -> Outcome:
     fixed = (0, 1) if kind == "sample" else ()
     pressure = none if kind == "sample" else problems.target[:, 0]
     error_C, off_C = _held_against(body, left, pressure, C, ref_C, fixed)
-    return Outcome(kind, weave, problems, A, C, ref_A, ref_C, error_A, error_C, off_A, off_C)
+    beyond = _beyond(kind, body, left, ref_A.z, problems, C, ref_C)
+    return Outcome(kind, weave, problems, A, C, ref_A, ref_C, error_A, error_C, off_A, off_C, beyond)
 
 
 def solve(kind: str, weave: bool, problems: Problems) -> tuple[Found, Found]:
@@ -115,7 +118,7 @@ def _program(kind: str, weave: bool) -> Callable[[Problems], Any]:
         C = load(A, *conditions, throw=False)  # type: ignore[arg-type]
         return _found(kind, scene, x, A), _found(kind, scene, x, C)
 
-    return jax.jit(jax.vmap(one), compiler_options=QUICK)
+    return jax.jit(jax.vmap(one), compiler_options=LONG)
 
 
 def _moved(scene: Scene, x: Problems) -> Any:
@@ -164,7 +167,14 @@ def branch_A(body: Body, muscle: Muscle) -> reference.Branch:
 
 
 def branch_C(
-    kind: str, body: Body, left: Muscle, z_A: Array, problems: Problems, some: NDArray[np.int64]
+    kind: str,
+    body: Body,
+    left: Muscle,
+    z_A: Array,
+    problems: Problems,
+    some: NDArray[np.int64],
+    *,
+    past_limits: bool = False,
 ) -> reference.Branch:
     """The loaded states of `some` problems, from their states A; the others have none (NaN, End.LOST).
 
@@ -174,9 +184,8 @@ def branch_C(
     z, reached, end = np.full((n, size), np.nan), np.zeros(n), np.full(n, int(End.LOST))
     few, driven, target, none = body[some], left[some], problems.target[some], np.zeros(len(some))
     if kind == "tube":
-        z[some], reached[some], end[some] = reference.follow(
-            few, z_A[some, :size], Drive(driven, none), Drive(driven, target[:, 0])
-        )
+        ends = Drive(driven, none), Drive(driven, target[:, 0])
+        z[some], reached[some], end[some] = reference.follow(few, z_A[some, :size], *ends, past_limits=past_limits)
         return reference.Branch(z, reached, end)
     z[some] = np.column_stack([target - 1.0, 1.0 / np.prod(target, axis=1) - 1.0, none])
     with np.errstate(all="ignore"):
@@ -184,6 +193,18 @@ def branch_C(
     finite = np.isfinite(z[some, 3])
     end[some], reached[some] = np.where(finite, End.REACHED, End.OVERFLOW), finite
     return reference.Branch(z, reached, end)
+
+
+def _beyond(
+    kind: str, body: Body, left: Muscle, z_A: Array, problems: Problems, C: Found, branch: reference.Branch
+) -> NDArray[np.bool_]:
+    found = np.zeros(len(C.status), bool)
+    some = np.flatnonzero((C.status == Status.CONVERGED) & (branch.end == End.LIMIT_POINT))
+    if some.size:
+        through = branch_C(kind, body, left, z_A, problems, some, past_limits=True)
+        off = np.max(np.abs(body.stretches(C.z) - body.stretches(through.z)), axis=(1, 2))
+        found[some] = (off[some] <= SAME) & (through.end[some] == End.REACHED)
+    return found
 
 
 def _held_against(

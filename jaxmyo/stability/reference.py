@@ -53,8 +53,11 @@ class Drive(NamedTuple):
         return Drive(self.muscle[some], self.pressure[some])
 
 
-def follow(body: Body, z: Array, begin: Drive, end: Drive) -> Branch:
-    """From the equilibria z (n, N) under `begin` as far as the branch goes towards `end`."""
+def follow(body: Body, z: Array, begin: Drive, end: Drive, *, past_limits: bool = False) -> Branch:
+    """From the equilibria z (n, N) under `begin` as far as the branch goes towards `end`.
+
+    past_limits: go on through limit points, where the load would have to fall, until the branch comes to the end.
+    """
     n = len(z)
     y = np.concatenate([z, np.zeros((n, 1))], axis=1)  # (z, s)
     ahead, step = np.zeros_like(y), np.full(n, FIRST)
@@ -87,7 +90,7 @@ def follow(body: Body, z: Array, begin: Drive, end: Drive) -> Branch:
             step[going[~good]] *= 0.5
             yes, found, new = going[good], found[good], new[good]
             passed = found[:, -1] >= 1.0
-            back = (new[:, -1] <= 0.0) & ~passed
+            back = (new[:, -1] <= 0.0) & ~passed & (not past_limits)
             if passed.any():
                 which = yes[passed]
                 last, exact = _polished(body[which], y[which], found[passed], end.of(which))
