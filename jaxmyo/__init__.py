@@ -4,6 +4,7 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 """
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
+from jaxmyo.accuracy import Answer, converge
 from jaxmyo.conditions import (
     BodyForce,
     Displacement,
@@ -55,6 +56,7 @@ __all__ = [
     "PRINTED",
     "SETS",
     "TABLE1",
+    "Answer",
     "BodyForce",
     "Coordinates",
     "Cycle",
@@ -89,6 +91,7 @@ __all__ = [
     "box",
     "columns",
     "contract",
+    "converge",
     "cycle",
     "guccione",
     "helix_fibres",

@@ -14,7 +14,7 @@ from jax import Array
 
 from jaxmyo import checks, control, newton, progress
 from jaxmyo.lagrangian import Inputs
-from jaxmyo.linear import At
+from jaxmyo.linear import At, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.status import Status
 
@@ -112,7 +112,7 @@ def follow(
         taken = xp.where(at_start, 0.0, t - path.t)
         guess = path.z + taken * path.rate
         tolerance = xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
-        stiffening = xp.where(at_start, 1e-4, 1e-13)
+        stiffening = xp.where(at_start & moves, 1e-4, negligible(xp, z))
         found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.

@@ -12,8 +12,6 @@ from jax import Array
 from jaxmyo import checks, lagrangian, tiny
 from jaxmyo.lagrangian import Inputs, System
 
-EPS = 2.2e-16  # float64
-
 
 class Scales(NamedTuple):
     """What makes residuals and tangents of different unknowns comparable.
@@ -57,6 +55,11 @@ class At(NamedTuple):
         return cls(xp.zeros_like(z), K, infinite, infinite, one, one, xp.array(True), 0.0 * one)
 
 
+def negligible(xp: ModuleType, x: Any) -> float:
+    """What is lost beside 1 in a sum of numbers like x: 1e-13 in float64, 5e-5 in float32."""
+    return 450.0 * float(xp.finfo(x.dtype).eps)
+
+
 def stiffness(xp: ModuleType, scale: Scales, diagonal: Any) -> Any:
     """The largest stress [kPa] by a unit strain of one unknown; diagonal: (n_u,) of the tangent."""
     unit, volume = scale.unit[: len(diagonal)], scale.volume[: len(diagonal)]
@@ -71,7 +74,7 @@ def summary(xp: ModuleType, system: System, scale: Scales, z: Any, r: Any, diago
     n_u = system.n_u
     weigh = scale.unit / scale.volume
     G = xp.max(xp.abs(z[n_u:]), initial=0.0).clip(stiffness(xp, scale, diagonal))
-    rounding = 4.0 * EPS * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
+    rounding = 4.0 * xp.finfo(z.dtype).eps * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
     return At(
         r=r,
         K=K,

@@ -209,5 +209,16 @@ class State:
             f"  beta = {float(self.inputs.beta):g}, T0 = {float(self.inputs.T0):g} kPa{loads}; mean stretches "
             f"{stretches} (fibre, cross-fibre, normal)\n"
             f"  {int(self.steps)} steps, {int(self.iterations)} iterations ({self.solver}); negative eigenvalues: "
-            f"{int(self.negative_eigenvalues)}, zero: {int(self.zero_eigenvalues)}"
+            f"{int(self.negative_eigenvalues)}, zero: {int(self.zero_eigenvalues)}{self._needless}"
+        )
+
+    @property
+    def _needless(self) -> str:
+        """Of a passive state A: what it has multipliers for moves nothing."""
+        moves = np.abs(np.asarray(self.u)) > 1e-12 * self.scene.mesh.extent
+        if self.q is None or moves.any() or not self.converged:
+            return ""
+        return (
+            f"\n  needless: {self.q.size} q of the weave in a passive state, which stays at rest: "
+            "contract(a_over_D=None) has none"
         )

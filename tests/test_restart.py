@@ -89,6 +89,7 @@ def in_regions(active: bool = True) -> jm.Scene:
     return replace(scene, mesh=mesh, regions={"out": jm.Material(jm.lin_yin, jm.TABLE1, active=active)})
 
 
+@pytest.mark.slow
 def test_cavities_body_forces_and_regions(reloaded: Callable[..., jm.State]) -> None:
     A = jm.contract(in_regions(), T0=5.0, a_over_D=None)
     inside = float(A.cavity_volume("inner"))

@@ -16,11 +16,11 @@ from jaxmyo import lagrangian
 ELEMENTS = (4, 4, 2)
 COUNTS = [
     (35.0, 0.2, 1.0, 2),
-    (35.0, 0.2, 0.1, 1),
-    (35.0, 0.2, 0.01, 0),
+    pytest.param(35.0, 0.2, 0.1, 1, marks=pytest.mark.slow),
+    pytest.param(35.0, 0.2, 0.01, 0, marks=pytest.mark.slow),
     (35.0, None, 1.0, 3),
-    (35.0, None, 0.1, 2),
-    (35.0, None, 0.01, 1),
+    pytest.param(35.0, None, 0.1, 2, marks=pytest.mark.slow),
+    pytest.param(35.0, None, 0.01, 1, marks=pytest.mark.slow),
     (0.6, 0.2, 1.0, 0),
     (5.0, 0.2, 1.0, 0),
 ]
@@ -60,7 +60,7 @@ def test_count_of_negative_eigenvalues(T0: float, a_over_D: float | None, beta: 
     assert int(state.zero_eigenvalues) == 0
 
 
-@pytest.mark.parametrize("case", [COUNTS[0], COUNTS[1], COUNTS[2], COUNTS[3], COUNTS[5], COUNTS[7]], ids=str)
+@pytest.mark.parametrize("case", [(35.0, 0.2, 1.0, 2), (35.0, None, 1.0, 3), (5.0, 0.2, 1.0, 0)], ids=str)
 def test_count_agrees_with_the_explicit_null_space(case: Any) -> None:
     state = contracted(*case[:3])
     eigenvalues = reduced_eigenvalues(state)
@@ -108,6 +108,7 @@ def test_rubber_at_rest(s: float, negative: int) -> None:
     assert int(state.zero_eigenvalues) == 0
 
 
+@pytest.mark.slow
 def test_stretching_makes_the_loaded_state_stable() -> None:
     state = jm.load(contracted(35.0, 0.2, 1.0), jm.Stretch("x", 1.2), jm.Stretch("y", 1.2))
     eigenvalues = reduced_eigenvalues(state)
