@@ -21,9 +21,7 @@ def cube(n: int) -> tuple[jm.Mesh, InfSup]:
     return scene.mesh, InfSup.of(scene)
 
 
-@pytest.mark.parametrize(
-    ("n", "both", "p"), [(2, 0.245, 0.85), (4, 0.049, 0.35), (6, 0.026, 0.18), (8, 0.019, 0.11)]
-)
+@pytest.mark.parametrize(("n", "both", "p"), [(2, 0.245, 0.85), (4, 0.049, 0.35), (6, 0.026, 0.18), (8, 0.019, 0.11)])
 def test_of_one_multiplier_per_element_it_falls(n: int, both: float, p: float) -> None:
     mesh, test = cube(n)
     own = np.arange(len(mesh.cells))
@@ -40,7 +38,7 @@ def test_of_a_slab() -> None:
 
 
 def test_p_on_blocks_is_bounded_q_needs_patches_that_do_not_shrink() -> None:
-    """A q that varies along the normal only is felt by no displacement of the body's own size: see `jaxmyo.stability`."""
+    """A q that varies along the normal only is felt by no displacement: see `jaxmyo.stability.inf_sup_cases`."""
     p, both, fixed, one = [], [], [], []
     for n in (4, 6, 8):
         mesh, test = cube(n)
@@ -67,7 +65,7 @@ def test_zero_modes_are_counted_apart() -> None:
 
 
 def test_by_the_definition() -> None:
-    """β² is the least of b(u, m)² / (|u|₁² ‖m‖₀²) after the best u, on a skew mesh with fibres askew, by its own sums."""
+    """The least of b(u, m) / (|u|₁ ‖m‖₀) for the best u, on a skew mesh with fibres askew, by sums of its own."""
     scene = jm.Scene(
         jm.mesh.jitter(jm.box((1.0, 2.0, 1.5), (2, 2, 2)), 0.3, seed=1),
         jm.lin_yin,
@@ -78,7 +76,9 @@ def test_by_the_definition() -> None:
     )
     points, cells = scene.mesh.points, scene.mesh.cells
     xi, w = np.polynomial.legendre.leggauss(2)
-    corners = np.array([[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
+    corners = np.array(
+        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+    )
     n = len(points)
     A, B, M = np.zeros((3 * n, 3 * n)), np.zeros((16, 3 * n)), np.zeros(16)
     f, c, slope = np.array([0.6, 0.8, 0.0]), np.array([-0.8, 0.6, 0.0]), 0.5 * (np.pi - 2.0) * 0.2

@@ -49,7 +49,7 @@ class Body:
     """B: (n, points, 3, n_u) [1/mm]; weight: (n, points) [mm³]; patch: (points,) the p of each point.
 
     inner: (n, n_u) and axial: (n, n_u): the inner radius is Ri + inner · u, the length H (1 + axial · u / H), so that
-    a pressure P inside, ends open, does the work P (Ri + inner · u) (H + axial · u) inner · δu per 2π; zero of a sample.
+    a pressure P inside, ends open, does the work P (Ri + inner · u) (H + axial · u) inner · δu per 2π; 0 of a sample.
     """
 
     B: Array

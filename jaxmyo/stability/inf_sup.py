@@ -3,7 +3,7 @@
     β = min over multipliers m of max over displacements u of  b(u, m) / (|u|₁ ‖m‖₀),
     b(u, (p, q)) = ∫ p tr E + q (E22 − ½ (π−2) a/D E11) dV,    |u|₁² = ∫ |∇u|² dV,    ‖(p, q)‖₀² = ∫ p² + q² dV,
 
-both constraints linearised at rest, E = sym ∇u, 1 along the fibre and 2 across. β² is the least eigenvalue of S m = λ M m
+both constraints linearised at rest, E = sym ∇u, 1 along the fibre, 2 across. β² is the least eigenvalue of S m = λ M m
 with S = B A⁻¹ Bᵀ; A, B and M are those of |u|₁, b and ‖m‖₀. A multiplier that no displacement feels (λ = 0: a redundant
 constraint) has no part in β; such modes are counted apart. The constant means something where it is bounded below as
 the mesh is refined: then p and q converge with the displacements. Otherwise they may oscillate between elements.
@@ -29,7 +29,7 @@ Patches = NDArray[np.int64]
 
 
 class Constant(NamedTuple):
-    """The inf-sup constant [–] of a space of multipliers, zero modes left out; their number; that of the multipliers."""
+    """The inf-sup constant [–] without the zero modes, their number, and that of the multipliers."""
 
     beta: float
     zero: int

@@ -96,9 +96,8 @@ def solve(kind: str, weave: bool, problems: Problems) -> tuple[Found, Found]:
 
 def _chunks(n: int) -> Iterator[NDArray[np.int64]]:
     """Numbers of problems, always as many: the last ones begin anew, so that one compiled program serves."""
-    size = min(CHUNK, n)
-    for first in range(0, n, size):
-        yield np.arange(first, first + size) % n
+    for first in range(0, n, CHUNK):
+        yield np.arange(first, first + CHUNK) % n
 
 
 @cache
@@ -112,10 +111,10 @@ def _program(kind: str, weave: bool) -> Callable[[Problems], Any]:
             how["points"] = _moved(scene, x)
         A = contract(scene, **how, throw=False)
         target = x.target
-        conditions = (
+        conditions: list[Any] = (
             [Stretch("x", target[0]), Stretch("y", target[1])] if kind == "sample" else [Pressure("inner", target[0])]
         )
-        C = load(A, *conditions, throw=False)  # type: ignore[arg-type]
+        C = load(A, *conditions, throw=False)
         return _found(kind, scene, x, A), _found(kind, scene, x, C)
 
     return jax.jit(jax.vmap(one), compiler_options=LONG)

@@ -7,7 +7,7 @@ small beside what a jump to another branch would be.
 """
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class Drive(NamedTuple):
     muscle: Muscle
     pressure: Array
 
-    def of(self, some: NDArray[np.int64]) -> "Drive":
+    def of(self, some: Any) -> "Drive":
         """Of some of the bodies."""
         return Drive(self.muscle[some], self.pressure[some])
 
@@ -193,7 +193,7 @@ def _cosine(body: Body, a: Array, b: Array) -> Array:
 
 
 def _solve(K: Array, r: Array) -> Array:
-    """K⁻¹ r (n, N), not finite where K is singular; equilibrated, since units of displacements and multipliers differ."""
+    """K⁻¹ r (n, N), not finite where K is singular; equilibrated, since displacements and multipliers differ in units."""
     rows = 1.0 / np.maximum(np.max(np.abs(K), axis=2), 1e-300)
     scaled = rows[:, :, None] * K
     columns = 1.0 / np.maximum(np.max(np.abs(scaled), axis=1), 1e-300)

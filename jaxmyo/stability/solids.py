@@ -23,7 +23,10 @@ from jaxmyo.scenes import thin_sample
 from jaxmyo.solve import contract, load
 from jaxmyo.stability.independent import PI_2, Array
 from jaxmyo.stability.problems import Problems, draw
+from jaxmyo.stability.random_problems import body_of, branch_A, muscle_of
+from jaxmyo.stability.reference import End
 from jaxmyo.state import State
+from jaxmyo.status import Status
 
 ELEMENTS = (2, 2, 1)
 
@@ -106,15 +109,16 @@ def _solid(state: State) -> Any:
 
 
 def residual(solids: Solids, state: Solid, T_f: Array, T_cf: Array, *, loaded: bool) -> Array:
-    """(n,) [–]: the largest imbalance of an unsupported node, as a stress, to the largest stress or modulus; or ½|I3−1|.
+    """(n,) [–]: the largest imbalance of an unsupported node, as a stress, to the largest stress or modulus.
 
-    T_f, T_cf: (n, n_e, points) [kPa] that state A left, zero in A. In A also the mean of ½ |h| in each element.
+    Or the largest mean of ½ |I3 − 1| in an element, if that is more; T_f, T_cf: (n, n_e, points) [kPa] that state A left, zero in A. In A also the mean of ½ |h| in each element.
     """
     x, problems = scene().mesh.cells, solids.problems
-    n, n_e = len(problems.T0), len(x)
+    n_e = len(x)
     r1 = 1.0 / np.sqrt(3.0)
     corner = np.array(
-        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
+        dtype=float,
     )
     xi = r1 * np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
     each = 0.5 * (1.0 + corner[None] * xi[:, None])  # (points, 8, 3)
@@ -167,3 +171,36 @@ def stretches(solids: Solids, state: Solid) -> Array:
     """(n, 3) [–]: extensions of the slab's edges along x, y and z; of a homogeneous deformation, its stretches."""
     top = int(np.argmax(solids.points[0].sum(axis=1)))
     return np.asarray(1.0 + state.u[:, top] / solids.points[:, top])
+
+
+class SolidOutcome(NamedTuple):
+    """A batch of solids, solved and verified. error_A, error_C: (n,) `residual`, NaN where not converged.
+
+    straight: (n,) fibres along x; off: (n,) the largest difference of a stretch of A from the reference where straight.
+    """
+
+    solids: Solids
+    A: Solid
+    C: Solid
+    error_A: Array
+    error_C: Array
+    straight: NDArray[np.bool_]
+    off: Array
+
+
+def solid_outcome(n: int, seed: int) -> SolidOutcome:
+    """n random problems in three dimensions."""
+    solids = draw_solids(n, seed)
+    A, C = solve_solids(solids)
+    body = body_of("sample", solids.problems)
+    branch = branch_A(body, muscle_of(solids.problems, True, body))
+    none = np.zeros_like(A.T_f)
+    with np.errstate(all="ignore"):
+        error_A = residual(solids, A, none, none, loaded=False)
+        error_C = residual(solids, C, A.T_f, A.T_cf, loaded=True)
+        off = np.max(np.abs(stretches(solids, A) - body.stretches(branch.z)[:, 0]), axis=1)
+    good_A, good_C = A.status == Status.CONVERGED, C.status == Status.CONVERGED
+    straight = np.all(solids.fibre[:, :, 1] == 0.0, axis=1)
+    known = straight & good_A & (branch.end == End.REACHED)
+    error_A, error_C = np.where(good_A, error_A, np.nan), np.where(good_C, error_C, np.nan)
+    return SolidOutcome(solids, A, C, error_A, error_C, straight, np.where(known, off, np.nan))
