@@ -11,15 +11,15 @@ def add(commands: Any) -> None:
         "stability",
         help="the inf-sup test, checkerboards, maps of the extremes, and thousands of random problems",
         description="Measure how stable the elements and the solves are: the numerical inf-sup test of p, q and both "
-        "over meshes, patches and coordinates; checkerboards of p and q, and how patches remove them; maps of the extremes "
-        "with a status at each point; random problems over those extremes, held against hand-made equations and a "
-        "branch followed from rest. Writes report.md, CSV files and figures.",
+        "over meshes, patches and coordinates; checkerboards of p and q, and how patches remove them; maps of the "
+        "extremes with a status at each point; random problems over those extremes, held against hand-made equations "
+        "and a branch followed from rest. Writes report.md, CSV files and figures.",
     )
     stability.add_argument(
         "--out", type=Path, default=Path("stability-out"), metavar="DIR", help="default: %(default)s"
     )
     stability.add_argument(
-        "--quick", action="store_true", help="smaller meshes and fewer problems: minutes, not an hour"
+        "--quick", action="store_true", help="coarser meshes, fewer problems, nothing in three dimensions"
     )
     stability.add_argument("--json", action="store_true", help="one JSON object on stdout")
     stability.set_defaults(run=_run)

@@ -58,8 +58,8 @@ class Map(NamedTuple):
         return float(np.mean(self.status == Status.CONVERGED))
 
 
-def measure(done: Callable[[str], None]) -> list[Map]:
-    """All maps; done: is told each."""
+def measure(quick: bool, done: Callable[[str], None]) -> list[Map]:
+    """All maps; quick: those that need no program of their own; done: is told each."""
     tension = Axis("T0", "kPa", np.linspace(0.0, 500.0, NX))
     thickness = Axis("wall thickness / inner radius", "–", np.logspace(-3.0, 4.0, NY), log=True)
     scale = Axis("factor of all moduli", "–", np.logspace(-6.0, 6.0, NX), log=True)
@@ -121,6 +121,8 @@ def measure(done: Callable[[str], None]) -> list[Map]:
         weak,
         lambda x, y: ("tube", _tube(len(x), T0=y, scale=np.log10(x))),
     )
+    if quick:
+        return maps
     maps.append(_shapes())
     done("map of slabs and distorted elements")
     maps += [_precision(name, tension) for name in ("float32", "mixed")]

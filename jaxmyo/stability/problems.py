@@ -23,7 +23,8 @@ MODULI = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
 class Problems(NamedTuple):
     """A batch of n problems. constants: (n, 8); scale: (n,) log10 of the factor of the moduli; T0, beta, a_over_D (n,).
 
-    target: (n, 2) prescribed stretches along and across the fibres of a sample; of a tube (n, 1) the inner pressure [kPa]. R: (n, m + 1) radii of the nodes [mm], H: (n,) height [mm].
+    target: (n, 2) prescribed stretches along and across the fibres of a sample, (n, 1) inner pressure [kPa] of a tube;
+    R: (n, m + 1) radii of a tube's nodes [mm], H: (n,) height [mm].
     """
 
     constants: Array

@@ -165,7 +165,7 @@ def _corrected(
 
 def _polished(body: Body, before: Array, after: Array, end: Drive) -> tuple[Array, NDArray[np.bool_]]:
     """The equilibria (n, N) at the wanted load, between a state before it and one after it, and which were found."""
-    part = (1.0 - before[:, -1:]) / (after[:, -1:] - before[:, -1:])
+    part: Array = (1.0 - before[:, -1:]) / (after[:, -1:] - before[:, -1:])
     guess = before[:, :-1] + part * (after - before)[:, :-1]
     z, width = guess.copy(), np.maximum(_strain(body, after - before), 1e-6)
     best, least = z.copy(), np.full(len(z), np.inf)
@@ -174,7 +174,7 @@ def _polished(body: Body, before: Array, after: Array, end: Drive) -> tuple[Arra
         better = error < least
         best[better], least[better] = z[better], error[better]
         r, K = residual_and_tangent(body, end.muscle, z, end.pressure)
-        fine = np.isfinite(r).all(axis=1) & np.isfinite(K).all(axis=(1, 2))
+        fine = np.asarray(np.isfinite(r).all(axis=1) & np.isfinite(K).all(axis=(1, 2)))
         z = z - np.where(fine[:, None], _solve(np.where(fine[:, None, None], K, 0.0), r), 0.0)
     return best, (least <= EXACT) & (_strain(body, best - guess) <= width)
 
@@ -193,7 +193,7 @@ def _cosine(body: Body, a: Array, b: Array) -> Array:
 
 
 def _solve(K: Array, r: Array) -> Array:
-    """K⁻¹ r (n, N), not finite where K is singular; equilibrated, since displacements and multipliers differ in units."""
+    """K⁻¹ r (n, N), not finite where K is singular; equilibrated, since the units of its rows differ."""
     rows = 1.0 / np.maximum(np.max(np.abs(K), axis=2), 1e-300)
     scaled = rows[:, :, None] * K
     columns = 1.0 / np.maximum(np.max(np.abs(scaled), axis=1), 1e-300)

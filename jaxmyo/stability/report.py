@@ -10,7 +10,7 @@ from jaxmyo.stability import checkerboard, inf_sup_cases, tables
 from jaxmyo.stability.checkerboard import Sheet
 from jaxmyo.stability.inf_sup_cases import CURES, PAIRS, Row
 from jaxmyo.stability.maps import Map
-from jaxmyo.stability.random_problems import Outcome
+from jaxmyo.stability.random_problems import SAME, Outcome
 from jaxmyo.stability.solids import SolidOutcome
 from jaxmyo.status import Status
 
@@ -31,7 +31,7 @@ class Results(NamedTuple):
     sheets: list[Sheet]
     maps: list[Map]
     outcomes: list[Outcome]
-    solids: SolidOutcome
+    solids: SolidOutcome | None
 
 
 def summary(results: Results) -> dict[str, Any]:
@@ -39,8 +39,6 @@ def summary(results: Results) -> dict[str, Any]:
     constants: dict[str, dict[str, list[float]]] = {}
     for row in results.rows:
         constants.setdefault(row.body, {}).setdefault(f"p: {row.p}, q: {row.q}", []).append(row.beta)
-    s = results.solids
-    errors = [float(np.nanmax(e, initial=0.0)) for e in (s.error_A, s.error_C)]
     problems = []
     for outcome in results.outcomes:
         of_states = {state: tables.counts(outcome, state)._asdict() for state in "AC"}
@@ -53,14 +51,18 @@ def summary(results: Results) -> dict[str, Any]:
         "orders": _orders(results.sheets),
         "maps": {m.name: {"converged": m.converged, "statuses": _names(m.status)} for m in results.maps},
         "random": problems,
-        "solids": {
-            "n": len(s.A.status),
-            "A": _names(s.A.status),
-            "C": _names(s.C.status[s.A.status == Status.CONVERGED]),
-            "largest_residual": {"A": errors[0], "C": errors[1]},
-            "known": int(np.isfinite(s.off).sum()),
-            "wrong": int((s.off > 1e-5).sum()),
-        },
+        "solids": None if results.solids is None else _solids(results.solids),
+    }
+
+
+def _solids(s: SolidOutcome) -> dict[str, Any]:
+    return {
+        "n": len(s.A.status),
+        "A": _names(s.A.status),
+        "C": _names(s.C.status[s.A.status == Status.CONVERGED]),
+        "largest_residual": {k: float(np.nanmax(e, initial=0.0)) for k, e in (("A", s.error_A), ("C", s.error_C))},
+        "known": int(np.isfinite(s.off).sum()),
+        "wrong": int((s.off > SAME).sum()),
     }
 
 
@@ -72,16 +74,15 @@ def in_words(found: dict[str, Any]) -> list[str]:
         both = "p: element, q: element"
         lines.append(f"inf-sup constant of (p, q), {body}: {_row(of[both])} per element; {_row(of[cure])} with {cure}")
     for one in found["random"]:
-        for state in "AC":
+        for state, weave in [(state, "with" if one["weave"] else "without") for state in "AC"]:
             c = one[state]
             lines.append(
-                f"{one['body']} {'with' if one['weave'] else 'without'} weave, state {state}: {c['converged']} "
-                f"of {c['asked']} converge ({c['solvable']} have a solution), {c['missed']} missed, {c['inexact']} inexact, "
-                f"{c['wrong']} wrong, {c['beyond']} beyond a limit point, {c['nan']} with NaN; largest residual "
-                f"{one['largest_residual'][state]:.1e}"
+                f"{one['body']} {weave} weave, state {state}: {c['converged']} of {c['asked']} converge "
+                f"({c['solvable']} have a solution), {c['missed']} missed, {c['inexact']} inexact, {c['wrong']} wrong, {c['beyond']} "
+                f"beyond a limit point, {c['nan']} with NaN; largest residual {one['largest_residual'][state]:.1e}"
             )
-    s = found["solids"]
-    lines.append(f"solids: A {s['A']}, C {s['C']}; largest residuals {s['largest_residual']}; {s['wrong']} wrong")
+    if s := found["solids"]:
+        lines.append(f"solids: A {s['A']}, C {s['C']}; largest residuals {s['largest_residual']}; {s['wrong']} wrong")
     lines += [f"map {name}: {100.0 * m['converged']:.1f} % converge" for name, m in found["maps"].items()]
     return lines
 

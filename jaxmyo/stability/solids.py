@@ -5,7 +5,7 @@ Whether what the package finds is an equilibrium is told by element forces writt
     S = 2 W1 I + (2 W4 + (βT0 + T_f)/I4 − q h4) f⊗f + (T_cf/I6 − q h6) f⊥⊗f⊥ − p I3 C⁻¹,    f_a = ∫ F S ∇N_a dV.
 
 Where fibres are straight the deformation is that of the thin sample, whatever the mesh: there `reference` tells which
-branch it has to be. (1 = a whole; h4, h6 the derivatives of h by I4, I6.)
+branch it has to be. h4 and h6 are the derivatives of h by I4 and I6.
 """
 
 from functools import cache
@@ -111,7 +111,8 @@ def _solid(state: State) -> Any:
 def residual(solids: Solids, state: Solid, T_f: Array, T_cf: Array, *, loaded: bool) -> Array:
     """(n,) [–]: the largest imbalance of an unsupported node, as a stress, to the largest stress or modulus.
 
-    Or the largest mean of ½ |I3 − 1| in an element, if that is more; T_f, T_cf: (n, n_e, points) [kPa] that state A left, zero in A. In A also the mean of ½ |h| in each element.
+    Or the largest mean of ½ |I3 − 1| in an element, in A also of ½ |h|, if that is more. T_f, T_cf: (n, n_e, points)
+    [kPa] that state A left, zero in A.
     """
     x, problems = scene().mesh.cells, solids.problems
     n_e = len(x)
