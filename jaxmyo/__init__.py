@@ -4,6 +4,8 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 """
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
+from jaxmyo.accuracy import Answer, converge
+from jaxmyo.arc_length import Trace, trace
 from jaxmyo.conditions import (
     BodyForce,
     Displacement,
@@ -55,6 +57,7 @@ __all__ = [
     "PRINTED",
     "SETS",
     "TABLE1",
+    "Answer",
     "BodyForce",
     "Coordinates",
     "Cycle",
@@ -79,6 +82,7 @@ __all__ = [
     "Stretch",
     "Study",
     "Symmetry",
+    "Trace",
     "Traction",
     "Uniform",
     "Ventricle",
@@ -89,6 +93,7 @@ __all__ = [
     "box",
     "columns",
     "contract",
+    "converge",
     "cycle",
     "guccione",
     "helix_fibres",
@@ -109,6 +114,7 @@ __all__ = [
     "structured",
     "study",
     "thin_sample",
+    "trace",
     "tube_sector",
     "ventricle_body",
     "ventricle_mesh",

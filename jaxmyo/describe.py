@@ -3,12 +3,16 @@
 import numpy as np
 
 from jaxmyo.conditions import Displacement, Homogeneous, Proportional, Tie, Uniform
+from jaxmyo.cost import cost, needless
 from jaxmyo.scene import Scene
 from jaxmyo.ties import Ties
 
 
 def describe(scene: Scene) -> str:
-    """Coordinates, unknowns of each kind, ties, multipliers, loads, and what is left out; one line each."""
+    """Coordinates, unknowns of each kind, ties, multipliers, loads, what is left out, what it costs; one line each.
+
+    Lines that begin with "needless:" say what is modelled though nothing depends on it.
+    """
     mesh, ties = scene.mesh, scene.kinematics(())
     c, n_e = mesh.coordinates, len(mesh.cells)
     grid = " (" + " × ".join(map(str, mesh.grid)) + ")" if mesh.grid else ""
@@ -30,6 +34,8 @@ def describe(scene: Scene) -> str:
             "  loads: none in state A; state C has those that load() is given, on the body "
             "and on the faces " + ", ".join(sorted(mesh.faces)),
             f"  left out: {'; '.join([*_left_out(scene), 'inertia, viscosity, compressibility'])}",
+            f"  cost: {cost(scene)}",
+            *(f"  needless: {words}" for words in needless(scene)),
         ]
     )
 

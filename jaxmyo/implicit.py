@@ -14,11 +14,12 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from jaxmyo import checks, continuation, lagrangian, linear, progress, sparse
+from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse
+from jaxmyo.compiler import LEAN
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
-from jaxmyo.newton import Settings
+from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.sparse import Sparse
 from jaxmyo.status import SingularError, Status
 
@@ -41,10 +42,24 @@ def _followed(
 ) -> tuple[Solution, Array | None]:
     """The solution and, of a small body, the tangent (n, n) there, which a derivative has a use for."""
     stepwise = settings.time_limit is not None or settings.progress
-    if system.is_small and (checks.is_traced((z, end)) or not (stepwise or progress.wanted())):
+    single = checks.choice("settings.precision", settings.precision, newton.PRECISIONS) != "float64"
+    if single and not system.is_small:
+        raise ValueError(
+            f"settings.precision = {settings.precision!r} is for bodies of up to 1000 unknown displacements; of larger "
+            'ones, "float64" factorises in float32 and corrects in float64 already'
+        )
+    traced = checks.is_traced((z, end))
+    if system.is_small and (single or traced or not (stepwise or progress.wanted())):
         if stepwise:
-            raise ValueError("settings: time_limit and progress are for solves outside of jit and vmap")
-        return _compiled(system, z, start, end, valid, from_rest, settings=settings)
+            raise ValueError(
+                'settings: time_limit and progress are for solves outside of jit and vmap, with precision "float64"'
+            )
+        # Numbers are arguments of the program: another tolerance compiles nothing.
+        numbers = {name: getattr(settings, name) for name in NUMBERS}
+        none: dict[str, Any] = dict.fromkeys(NUMBERS)
+        kept = settings._replace(**none)
+        compiled = _compiled_in_single if single and not traced else _compiled
+        return compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
@@ -54,10 +69,15 @@ def _followed(
     return jax.tree.map(jnp.asarray, solution), None
 
 
-@partial(jax.jit, static_argnames=("settings",))
-def _compiled(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
-    z, start, end, valid, from_rest = path
-    return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+def _path(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
+    z, start, end, valid, from_rest, numbers = path
+    follow = continuation.follow if settings.precision == "float64" else single_precision.follow
+    return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers))
+
+
+_compiled = partial(jax.jit, static_argnames=("settings",))(_path)
+# XLA's emitters of fusions take minutes for float32 in curved coordinates.
+_compiled_in_single = partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)(_path)
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)

@@ -12,8 +12,6 @@ from jax import Array
 from jaxmyo import checks, lagrangian, tiny
 from jaxmyo.lagrangian import Inputs, System
 
-EPS = 2.2e-16  # float64
-
 
 class Scales(NamedTuple):
     """What makes residuals and tangents of different unknowns comparable.
@@ -32,7 +30,8 @@ class At(NamedTuple):
     r: (n,) residual [mN, mN·mm; mm³]; K: the tangent, of a type of its solver's own; stress: the largest force
     imbalance as a stress [kPa]; violation: the largest patch mean of ½ |I3 − 1| and ½ |h|, or relative error of a
     volume [–]; modulus: the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier; least_J:
-    the smallest det F [–]; finite: whether everything is; noise: the relative residual that round-off alone may leave.
+    the smallest det F [–], or −1 where a hole closed; finite: whether everything is; noise: the relative residual that
+    round-off alone may leave.
     """
 
     r: Array
@@ -56,6 +55,11 @@ class At(NamedTuple):
         return cls(xp.zeros_like(z), K, infinite, infinite, one, one, xp.array(True), 0.0 * one)
 
 
+def negligible(xp: ModuleType, x: Any) -> float:
+    """What is lost beside 1 in a sum of numbers like x: 1e-13 in float64, 5e-5 in float32."""
+    return 450.0 * float(xp.finfo(x.dtype).eps)
+
+
 def stiffness(xp: ModuleType, scale: Scales, diagonal: Any) -> Any:
     """The largest stress [kPa] by a unit strain of one unknown; diagonal: (n_u,) of the tangent."""
     unit, volume = scale.unit[: len(diagonal)], scale.volume[: len(diagonal)]
@@ -70,7 +74,7 @@ def summary(xp: ModuleType, system: System, scale: Scales, z: Any, r: Any, diago
     n_u = system.n_u
     weigh = scale.unit / scale.volume
     G = xp.max(xp.abs(z[n_u:]), initial=0.0).clip(stiffness(xp, scale, diagonal))
-    rounding = 4.0 * EPS * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
+    rounding = 4.0 * xp.finfo(z.dtype).eps * xp.max(xp.abs(z[:n_u]) / scale.unit[:n_u], initial=1.0)
     return At(
         r=r,
         K=K,
@@ -201,8 +205,9 @@ class Dense:
     def _at(self, z: Array, inputs: Inputs) -> At:
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
         r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(self.system, z, inputs))
-        J = lagrangian.volume_ratios(self.system, self.system.displacements(z, inputs))
-        at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], jnp.min(J), K)
+        u = self.system.displacements(z, inputs)
+        J = jnp.where(lagrangian.is_folded(self.system, u), -1.0, jnp.min(lagrangian.volume_ratios(self.system, u)))
+        at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], J, K)
         return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
 
     def factorise(self, at: At, mu: Array, last: Array) -> Factors | tiny.Inverse:

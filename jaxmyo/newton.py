@@ -17,11 +17,14 @@ from jax import Array
 
 from jaxmyo import checks, control, progress
 from jaxmyo.lagrangian import Inputs
-from jaxmyo.linear import At
+from jaxmyo.linear import At, negligible
 from jaxmyo.status import Status
 
 #: The linear algebra of a system: `Dense` inside JAX, `Sparse` outside.
 Linear = Any
+
+#: What `Settings.precision` may be.
+PRECISIONS = ["float64", "mixed", "float32"]
 
 T = TypeVar("T")
 
@@ -35,7 +38,10 @@ class Settings(NamedTuple):
     max_steps: load steps, rejected ones included; move: largest root-mean-square strain per load step that is aimed at;
     min_step: smallest load step, as a fraction of the load;
     time_limit: seconds after which a solve ends with the state that it has, None for no limit; progress: show a bar
-    (tqdm). Both, and the lines that the logger "jaxmyo" writes at level INFO, are for solves outside `jit` and `vmap`.
+    (tqdm). Both, and the lines that the logger "jaxmyo" writes at level INFO, are for solves outside `jit` and `vmap`;
+    precision: of a small body, "float32" for the whole path (its tolerances are then at least 1e-5), "mixed" for the
+    path in float32 and the last correction in float64, see `jaxmyo.single_precision` (inside `jit` and `vmap`, curved
+    coordinates take XLA minutes to compile, unless XLA_FLAGS has --xla_cpu_use_fusion_emitters=false).
     """
 
     tolerance: float = 1e-13
@@ -46,6 +52,11 @@ class Settings(NamedTuple):
     min_step: float = 1e-8
     time_limit: float | None = None
     progress: bool = False
+    precision: str = "float64"
+
+
+#: Those settings that may be traced: they do not shape the program of a solve.
+NUMBERS = ("tolerance", "path_tolerance", "max_steps", "move", "min_step")
 
 
 class Iterate(NamedTuple):
@@ -139,7 +150,7 @@ def solve(
                 factors=factors,
                 delta=delta,
                 size=size,
-                blur=1e-13 + lin.inexact * accuracy * with_stress,
+                blur=negligible(xp, z) + lin.inexact * accuracy * with_stress,
                 alpha=xp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
                 iteration=iteration,
                 status=xp.where(xp.isfinite(size), Status.CONVERGED, Status.SINGULAR),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +92,32 @@ def load(
     fades. A body can have several states C under one load; where the path starts decides which is found.
     throw: as in `contract`. Inside `jit` and `vmap`, where a state that failed raises nothing, C has its status.
     """
+    system, z, begin, end, valid, loads = problem(state, conditions, start)
+    origin = state if start is None else start
+    found = _solve(state.scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
+    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
+    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
+    # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
+    zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
+    return replace(found, status=status, zero_eigenvalues=zero)
+
+
+class Problem(NamedTuple):
+    """A path of states C: its system, the unknowns at its start, the inputs at its start and end, and its loads.
+
+    valid: whether all inputs are in their ranges.
+    """
+
+    system: System
+    z: Array
+    begin: Inputs
+    end: Inputs
+    valid: Array
+    loads: tuple[Load | Spring, ...]
+
+
+def problem(state: State, conditions: tuple[Condition, ...], start: State | None) -> Problem:
+    """The path that `load` follows."""
     if jnp.ndim(state.status):
         raise TypeError(
             f"state is a batch of shape {jnp.shape(state.status)}; load each with jax.vmap, or one by state[i]"
@@ -132,12 +158,7 @@ def load(
     if start is not None:
         at_start = jax.lax.stop_gradient((system, z, begin))  # where a path begins has no part in derivatives
         begin = begin._replace(imbalance=residual(*at_start))
-    found = _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
-    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
-    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
-    # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
-    zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
-    return replace(found, status=status, zero_eigenvalues=zero)
+    return Problem(system, z, begin, end, valid, loads)
 
 
 def contraction(
@@ -348,6 +369,7 @@ def as_state(scene: Scene, system: System, s: continuation.Solution, conditions:
         iterations=s.iterations,
         negative_eigenvalues=s.negative,
         zero_eigenvalues=s.zero,
+        stable_until=s.stable_until,
         work=s.work,
         solver=Dense.name if system.is_small else factor.chosen(system.n_u).name,
     )

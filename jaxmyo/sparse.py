@@ -216,7 +216,7 @@ class Sparse:
             u = self._displacements(z, inputs)
             none = jax.tree.map(np.zeros_like, inputs)
             r, _, least_J = self.assembly.forces(u, z, inputs, np.zeros_like(u), none)
-        at = linear.summary(np, self.system, self.scale, z, r, K.diagonal, np.float64(least_J), K)
+        at = linear.summary(np, self.system, self.scale, z, r, K.diagonal, self._least(u, least_J), K)
         return at if at.residual <= max(SLOW * last.residual, at.noise) else None
 
     def _assembled(self, z: Floats, inputs: Inputs) -> At:
@@ -258,7 +258,12 @@ class Sparse:
             r[n_u + self.n_m :] += np.asarray(inputs.volumes) - volumes
             diagonal, walls = diagonal - loads.diagonal(), -by_u
         K = Tangent(z, inputs, data, loads, coupling, D, W, walls, diagonal)
-        return linear.summary(np, s, self.scale, z, r, diagonal, np.float64(least_J), K)
+        return linear.summary(np, s, self.scale, z, r, diagonal, self._least(u, least_J), K)
+
+    def _least(self, u: Floats, least_J: float) -> np.float64:
+        """The smallest det F, or −1 where a node left the range of its coordinates."""
+        curved = self.system.coordinates.curved
+        return np.float64(-1.0 if curved and lagrangian.is_folded(self.system, u) else least_J)
 
     def _displacements(self, z: Floats, inputs: Inputs) -> Floats:
         full = np.asarray(inputs.offset) + self.assembly.tie_scale * z[self.assembly.tie_index]
@@ -527,8 +532,13 @@ def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
 
 def forget() -> None:
     """Free the patterns and factors that are kept for the next solve, and for derivatives of the last ones."""
-    _known.clear()
+    forget_factors()
     _held.clear()
+
+
+def forget_factors() -> None:
+    """Free those for the next solve: what it finds then does not depend, in its last digits, on what was before."""
+    _known.clear()
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -28,18 +28,18 @@ _N3, _DN3 = shape(_XI3), shape_gradient(_XI3)
 
 def normals(c: Coordinates, theta: Array) -> tuple[Array, Array]:
     """At the Gauss points of a quad with nodes θ (4, 3): the coordinates (4, 3), and normal × area × weight (4, 3)."""
-    at = jnp.asarray(_N) @ theta
-    tangents = jnp.einsum("gak,ai->gki", jnp.asarray(_DN), theta) * jax.vmap(c.g)(at)[:, None, :]
-    return at, jnp.cross(tangents[:, 0], tangents[:, 1]) * jnp.asarray(_W)[:, None]
+    at = jnp.asarray(_N, theta.dtype) @ theta
+    tangents = jnp.einsum("gak,ai->gki", jnp.asarray(_DN, theta.dtype), theta) * jax.vmap(c.g)(at)[:, None, :]
+    return at, jnp.cross(tangents[:, 0], tangents[:, 1]) * jnp.asarray(_W, theta.dtype)[:, None]
 
 
 def _on_nodes(c: Coordinates, at: Array, physical: Array) -> Array:
     """Forces (4, 3) at Gauss points, along the local unit vectors, as forces conjugate to the nodal coordinates."""
-    return jnp.asarray(_N).T @ (physical * jax.vmap(c.g)(at))
+    return jnp.asarray(_N, at.dtype).T @ (physical * jax.vmap(c.g)(at))
 
 
 def _traction(area: Array, c: Coordinates, theta: Array, vector: Array) -> Array:
-    at = jnp.asarray(_N) @ theta
+    at = jnp.asarray(_N, theta.dtype) @ theta
     return _on_nodes(c, at, jnp.linalg.norm(area, axis=-1)[:, None] * vector[None, :])
 
 
@@ -71,7 +71,7 @@ def _normal_spring(c: Coordinates, theta: Array, reference: Array, stiffness: Ar
 def _spring_energy(c: Coordinates, theta: Array, reference: Array, stiffness: Array, *, normal: bool) -> Array:
     At, N = normals(c, reference)
     area = jnp.linalg.norm(N, axis=-1)
-    u = jax.vmap(c.position)(jnp.asarray(_N) @ theta) - jax.vmap(c.position)(At)
+    u = jax.vmap(c.position)(jnp.asarray(_N, theta.dtype) @ theta) - jax.vmap(c.position)(At)
     if normal:  # the normal in Cartesian components
         direction = jnp.einsum("gi,gij->gj", N / area[:, None], jax.vmap(c.basis)(At))
         return 0.5 * stiffness * jnp.sum(area * jnp.sum(u * direction, axis=-1) ** 2)
@@ -83,19 +83,21 @@ def cavity_volume(c: Coordinates, theta: Array) -> Array:
 
     The field ½ (x, y, 0) has divergence 1 and no flux through planes that contain the z axis or are normal to it.
     """
-    at = jnp.asarray(_N) @ theta
-    by_xi = jnp.einsum("gak,ai->gki", jnp.asarray(_DN), theta)
+    at = jnp.asarray(_N, theta.dtype) @ theta
+    by_xi = jnp.einsum("gak,ai->gki", jnp.asarray(_DN, theta.dtype), theta)
     x = jax.vmap(c.position)(at)
     tangents = jnp.einsum("gij,gkj->gki", jax.vmap(jax.jacfwd(c.position))(at), by_xi)
     normal = jnp.cross(tangents[:, 0], tangents[:, 1])
-    return -0.5 * jnp.sum(jnp.asarray(_W) * jnp.sum((x * normal)[:, :2], axis=-1))
+    return -0.5 * jnp.sum(jnp.asarray(_W, at.dtype) * jnp.sum((x * normal)[:, :2], axis=-1))
 
 
 def _body(c: Coordinates, theta: Array, reference: Array, vector: Array) -> Array:
-    jacobian = jnp.einsum("ai,gaj->gij", reference, jnp.asarray(_DN3))
-    scale_factors = jnp.prod(jax.vmap(c.g)(jnp.asarray(_N3) @ reference), axis=-1)
-    volume = jnp.linalg.det(jacobian) * scale_factors * jnp.asarray(_W3)
-    return jnp.asarray(_N3).T @ (volume[:, None] * vector[None] * jax.vmap(c.g)(jnp.asarray(_N3) @ theta))
+    jacobian = jnp.einsum("ai,gaj->gij", reference, jnp.asarray(_DN3, theta.dtype))
+    scale_factors = jnp.prod(jax.vmap(c.g)(jnp.asarray(_N3, theta.dtype) @ reference), axis=-1)
+    volume = jnp.linalg.det(jacobian) * scale_factors * jnp.asarray(_W3, theta.dtype)
+    return jnp.asarray(_N3, theta.dtype).T @ (
+        volume[:, None] * vector[None] * jax.vmap(c.g)(jnp.asarray(_N3, theta.dtype) @ theta)
+    )
 
 
 #: kind of load → (coordinates, deformed nodes θ (4 or 8, 3), reference nodes Θ, value) ↦ forces (4 or 8, 3).

@@ -267,6 +267,7 @@ def test_the_path_does_not_matter() -> None:
     assert jax.grad(from_where)(9.0) == 0.0
 
 
+@pytest.mark.slow
 def test_failed_samples_of_a_batch() -> None:
     """Their derivatives are 0, never NaN, their status says why, and their neighbours do not notice."""
     scene = jm.thin_sample()
@@ -347,6 +348,7 @@ def test_no_derivative_is_nan() -> None:
     assert all((x[0] != 0.0).any() for x in (forward, *jax.tree.leaves(by_C)))
 
 
+@pytest.mark.slow
 def test_what_starts_from_a_state_that_failed_has_its_status() -> None:
     scene, few = jm.thin_sample(), jm.Settings(max_steps=3)
 
@@ -362,6 +364,7 @@ def test_what_starts_from_a_state_that_failed_has_its_status() -> None:
     assert slope.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_tensions_of_a_singular_state() -> None:
     """At rest nothing resists shear: the tensions of such an A have no derivative, and a C that holds them says so."""
     scene = jm.thin_sample(elements=(1, 1, 1))
@@ -398,6 +401,7 @@ def test_a_singular_state() -> None:
 
 
 @pytest.mark.parametrize("conditions", ["stretches", "stress"])
+@pytest.mark.slow
 def test_a_passive_body_loaded_from_rest(conditions: str) -> None:
     """Rest is singular, the loaded body is not: derivatives by the constants pass through the one to the other.
 

@@ -1,14 +1,21 @@
 """print(scene) says what is modelled: each line against the scene and its discrete problem."""
 
 import re
+from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support import sample
 
 import jaxmyo as jm
 from jaxmyo import lagrangian
+from jaxmyo.coordinates import CYLINDRICAL
+from jaxmyo.cost import cost
+from jaxmyo.mesh import structured
+from jaxmyo.solve import contraction
 
 
 def lines(scene: jm.Scene) -> dict[str, list[str]]:
@@ -199,3 +206,127 @@ def test_a_mesh_without_a_grid_and_a_law_without_a_name() -> None:
     scene = jm.Scene(loose, Law(), jm.TABLE1, supports=(jm.Spring("x0", 1.0),))
     assert str(scene).splitlines()[0] == "Scene of 3 hexahedra, Q1–Q0, 2 × 2 × 2 Gauss points each"
     assert lines(scene)["law"][0].startswith("my law; ")
+
+
+def needless(scene: jm.Scene) -> list[str]:
+    return lines(scene).get("needless", [])
+
+
+def test_the_cost_counts_unknowns_and_points(named: Any) -> None:
+    _, scene = named
+    (words,) = lines(scene)["cost"]
+    ties = scene.kinematics(())
+    A = lagrangian.build(scene, ties, weave=True, surfaces={})
+    C = lagrangian.build(scene, ties, weave=False, surfaces={})
+    assert words.startswith(f"{A.size} unknowns in state A with the weave, else {C.size} (dense LU); ")
+    assert f"differentiated twice: {A.weight.size};" in words
+    assert re.search(r"by estimate [0-9.e-]+ ms per Newton iteration \(elements \d+%, factors \d+%\)", words)
+
+
+def test_the_cost_of_a_large_body_is_that_of_sparse_factors() -> None:
+    scene = jm.specimen((12, 12, 2))
+    (words,) = lines(scene)["cost"]
+    assert scene.kinematics(()).size > 1000
+    assert "(Pardiso)" in words or "(SuperLU)" in words
+    more = cost(jm.specimen((16, 16, 4)))
+    assert more.elements > cost(scene).elements
+    assert more.factors > cost(scene).factors
+
+
+def test_what_the_ready_scenes_model_is_needed(named: Any) -> None:
+    name, scene = named
+    assert len(needless(scene)) == (name == "mesh")
+
+
+@pytest.mark.parametrize("mesh", [{"elements": (2, 2, 1)}, {"elements": (3, 2, 2), "distortion": 0.2}])
+def test_three_dimensions_of_a_homogeneous_state_are_needless(mesh: Any) -> None:
+    scene = jm.thin_sample(**mesh)
+    (words,) = needless(scene)
+    n = len(scene.mesh.cells)
+    assert words.startswith(f"{n} elements with {scene.kinematics(()).size} displacements, {n} p and {n} q, if ")
+    assert "Homogeneous()" in words
+
+
+def box(**given: Any) -> jm.Scene:
+    planes = tuple(jm.Symmetry(a) for a in "xyz")
+    return jm.Scene(jm.box((2.0, 1.0, 1.0), (2, 1, 1)), jm.lin_yin, jm.TABLE1, **({"supports": planes} | given))
+
+
+def test_what_bends_or_varies_is_not_homogeneous() -> None:
+    assert len(needless(box())) == 1
+    planes = tuple(jm.Symmetry(a) for a in "xyz")
+    clamp = jm.Displacement("x0", "y"), jm.Displacement("x0", "z")
+    half = replace(jm.box((2.0, 1.0, 1.0), (2, 1, 1)), regions={"half": np.array([0]), "rest": np.array([1])})
+
+    def turning(x: Any) -> Any:
+        return np.stack([np.cos(x[:, 0]), np.sin(x[:, 0]), 0.0 * x[:, 0]], axis=1)
+
+    assert needless(box(supports=(*planes, *clamp))) == []
+    assert needless(box(supports=(*planes, jm.Spring("x1", 1.0)))) == []
+    assert needless(box(supports=(*planes, jm.Displacement("x1", "x", 0.1)))) == []
+    assert needless(box(fibre=turning, cross=(0.0, 0.0, 1.0))) == []
+    scar = {"half": jm.Material(jm.lin_yin, jm.MEASURED)}
+    assert needless(jm.Scene(half, jm.lin_yin, jm.TABLE1, supports=planes, regions=scar)) == []
+    wedge = jm.box((2.0, 1.0, 1.0), (2, 1, 1))
+    points = wedge.points * (1.0 - 0.2 * wedge.points[:, [0]] * np.array([0.0, 0.0, 1.0]))
+    assert needless(jm.Scene(replace(wedge, points=points), jm.lin_yin, jm.TABLE1, supports=planes)) == []
+
+
+def test_points_along_which_nothing_varies_are_needless() -> None:
+    (words,) = needless(jm.thin_sample(quadrature=2))
+    assert words == "2 × 2 × 2 Gauss points along x, y, z: nothing varies there in an element, 1 is exact"
+    (words,) = needless(replace(jm.radial_tube(3), quadrature=2))
+    assert words.startswith("2 × 2 Gauss points along phi, z: ")
+    (words,) = needless(replace(jm.axisymmetric_tube((2, 2)), quadrature=2))
+    assert words.startswith("2 Gauss points along phi: ")
+
+    def turning(theta: Any) -> Any:  # along z
+        a = 0.05 * theta[:, 2]
+        return np.stack([0.0 * a, np.cos(a), np.sin(a)], axis=1)
+
+    tube = replace(jm.radial_tube(3, fibre=turning, cross=(1.0, 0.0, 0.0)), quadrature=2)
+    (words,) = needless(tube)
+    assert words.startswith("2 Gauss points along phi: ")
+
+
+def test_one_point_is_exact_where_it_is_said_to_be() -> None:
+    """The residual of the sample with eight points is that with one."""
+    z = jnp.asarray([0.1, -0.05, 0.02, 3.0, 1.0])
+
+    def residual(points: int) -> Any:
+        system, inputs, _ = contraction(jm.thin_sample(quadrature=points), 5.0, 0.2, 1.0, None, None)
+        return jax.jit(lagrangian.residual_alone)(system, z, inputs)
+
+    np.testing.assert_allclose(residual(2), residual(1), rtol=1e-12, atol=1e-12)
+
+
+def test_elements_and_multipliers_where_one_would_do_are_needless() -> None:
+    mesh = jm.box((10.0, 10.0, 1.0), (2, 3, 1))
+    scene = jm.Scene(mesh, jm.lin_yin, jm.TABLE1, supports=(jm.Homogeneous(),), quadrature=1)
+    words = needless(scene)
+    assert words[0].startswith("6 p and 6 q in a homogeneous body: ")
+    assert {w.split(":")[0] for w in words[1:]} == {"2 elements along x", "3 elements along y"}
+    nodes = np.linspace(2.0, 3.5, 4), np.linspace(0.0, 2 * np.pi, 2), np.linspace(0.0, 20.0, 3)
+    directions = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    supports = jm.radial_tube(3).supports
+    long = jm.Scene(structured(nodes, CYLINDRICAL), jm.lin_yin, jm.TABLE1, *directions, supports, (2, 1, 1))
+    assert [w.split(":")[0] for w in needless(long)] == ["2 elements along z"]
+
+
+def test_the_weave_of_a_passive_body_is_needless() -> None:
+    mesh = replace(jm.box((1.0, 1.0, 1.0), (1, 1, 1)), regions={"all": np.array([0])})
+
+    def body(active: bool) -> jm.Scene:
+        regions = {"all": jm.Material(jm.lin_yin, jm.TABLE1, active=active)}
+        supports = (jm.Homogeneous(),)
+        return jm.Scene(mesh, jm.lin_yin, jm.TABLE1, supports=supports, quadrature=1, regions=regions)
+
+    (words,) = needless(body(active=False))
+    assert words.startswith("the weave q, as no element is active: ")
+    assert needless(body(active=True)) == []
+
+
+def test_a_passive_state_with_the_weave_says_so() -> None:
+    scene = sample()
+    assert "needless: 1 q of the weave in a passive state" in str(jm.contract(scene, T0=35.0, a_over_D=0.2, beta=0.0))
+    assert "needless" not in str(jm.contract(scene, T0=5.0, a_over_D=0.2))

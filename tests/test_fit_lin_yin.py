@@ -31,6 +31,7 @@ def with_truth(problem: Problem, seed: int | None = None) -> Problem:
     return replace(problem, observed=exact * (1.0 + noise))
 
 
+@pytest.mark.slow
 def test_nothing_fitted(without_weave: Problem) -> None:
     """The third set has the rms errors that the analytic solution has."""
     rms = cases.unfitted_rms(DATA, without_weave)
@@ -99,6 +100,7 @@ def test_noise_free_curves_give_the_constants_back(without_weave: Problem) -> No
         assert abs(found.estimates[name].value - value) < 1e-6 * abs(value), name
 
 
+@pytest.mark.slow
 def test_likelihood_of_the_curves(without_weave: Problem) -> None:
     p = without_weave
     r = fitting.unfitted(p) - p.observed

@@ -10,7 +10,13 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "notebooks"
 
 
-@pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.md")))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(file.stem, marks=[pytest.mark.slow] if file.stem == "paper_reconciled" else [])
+        for file in sorted(FOLDER.glob("*.md"))
+    ],
+)
 def test_notebook(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

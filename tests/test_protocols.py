@@ -86,6 +86,7 @@ def test_uniaxial_and_equibiaxial(tissue: tuple[jm.State, jm.State]) -> None:
     np.testing.assert_allclose(nominal[:2], np.diagonal(exact)[:2] / 1.2, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_batch_and_a_derivative_of_shear() -> None:
     scene = jm.thin_sample(constants=jm.MEASURED)
 

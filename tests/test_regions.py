@@ -42,6 +42,7 @@ def assert_same(a: jm.State, b: jm.State, atol: float) -> None:
 # ------------------------------------------------------------------------------------------------------ closed forms
 
 
+@pytest.mark.slow
 def test_layers_in_series() -> None:
     """Two layers under one shear stress τ: each is sheared by τ/μ of its own, exactly."""
     tau = 3.0  # kPa
@@ -58,7 +59,9 @@ def test_layers_in_series() -> None:
     np.testing.assert_allclose(np.asarray(state.reaction("z0")), [-tau, 0.0, 0.0], rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("large", [1000, 0], ids=["dense", "sparse"])
+@pytest.mark.parametrize(
+    "large", [pytest.param(1000, id="dense"), pytest.param(0, id="sparse", marks=pytest.mark.slow)]
+)
 def test_bars_in_parallel(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bars of one stretch λ; each carries A μ (λ − λ⁻²), exactly."""
     monkeypatch.setattr(solve, "LARGE", large)
@@ -124,6 +127,7 @@ def with_beating(C: Any, frame: Any, beta: Any, constants: Any) -> Any:
     return neo_hookean(C, frame, beta, constants) + 0.5 * 5.0 * beta * jnp.log(frame[0] @ C @ frame[0])
 
 
+@pytest.mark.slow
 def test_a_passive_region_is_one_without_beating_tension() -> None:
     """T0 = 5 kPa with a region that is passive, and T0 = 0 with a law that beats by itself outside of it."""
     mesh = halves((4.0, 1.0, 1.0), (4, 1, 2), 0)

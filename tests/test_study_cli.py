@@ -56,6 +56,7 @@ def test_files(first: dict[str, Any], folder: Path) -> None:
     assert (folder / "study" / "study.nc").read_bytes().startswith(b"CDF\x02")
 
 
+@pytest.mark.slow
 def test_another_run_goes_on(first: dict[str, Any], folder: Path, run: Command) -> None:
     """In another process, with other hashes of Python's: the same study, nothing is computed."""
     chunk = folder / "study" / "chunk-000000.npz"

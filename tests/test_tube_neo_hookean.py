@@ -120,6 +120,7 @@ def test_pressure_is_found_from_the_radius() -> None:
     assert_second_order(*errors)
 
 
+@pytest.mark.slow
 def test_closed_ends() -> None:
     """The caps hang on the wall: it is stretched by the thrust π ri² P, which is no reaction."""
     P = 3.0
