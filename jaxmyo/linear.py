@@ -252,8 +252,8 @@ class Dense:
         s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
         matrix = s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :]
         limits = 1e-12 * size * jnp.array([-1.0, 1.0])
-        diagonals = tiny.tridiagonal(matrix) if _is_tiny(size) else _tridiagonal(matrix)
-        negative, not_positive = tiny.eigenvalues_below(*diagonals, limits)
+        diagonal, beside = tiny.tridiagonal(matrix) if _is_tiny(size) else _tridiagonal(matrix)
+        negative, not_positive = tiny.eigenvalues_below(diagonal, beside, limits)
         return negative - (size - n_u), not_positive - negative
 
 
