@@ -54,7 +54,8 @@ def contract(
     beta ∈ [0, 1]: activation; weave_stiffness: a finite stiffness k [kPa] of the weave, energy ½ k h², instead of the
     exact constraint (−⅛ q²/k is added); constants: instead of the scene's; points: (n_nodes, 3) coordinates Θ of the
     nodes [mm, rad], fibre and cross: arrays as of `Scene`, instead of the scene's, for derivatives by them and batches
-    over them; start: another state A of this scene that the path starts from, instead of rest.
+    over them; start: another state A of this scene that the path starts from, instead of rest (inside `jit` and
+    `vmap`, where a start that failed raises nothing, the state has its status).
     With throw=True a solve that fails raises `SolveError`; with throw=False, and inside `jit` or `vmap`, the status
     says so. Errors: ValueError or TypeError for an input out of its range, ValueError for redundant constraints.
     """
@@ -71,7 +72,11 @@ def contract(
         multipliers = [start.p] if start.q is None else [start.p, start.q]
         z, begin = jnp.concatenate([unknowns(system, u, end.offset), *multipliers]), start.inputs
         valid = valid & start.converged
-    return _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
+    found = _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
+    if start is None:
+        return found
+    # Under jit nothing stops at a start that failed: what is contracted from it fails for its reason.
+    return replace(found, status=jnp.where(start.converged, found.status, start.status))
 
 
 def load(
