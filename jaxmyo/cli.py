@@ -20,6 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     from jaxmyo.fitting import arguments as fit
     from jaxmyo.paper import arguments as paper
+    from jaxmyo.stability import arguments as stability
     from jaxmyo.studies import arguments as study
     from jaxmyo.tradeoff import arguments as tradeoff
 
@@ -28,7 +29,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"jaxmyo {version('jaxmyo')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (paper, study, fit, tradeoff):  # each adds one, with the function that runs it
+    for command in (paper, study, fit, tradeoff, stability):  # each adds one, with the function that runs it
         command.add(commands)
     return parser
 

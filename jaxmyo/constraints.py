@@ -68,19 +68,28 @@ def _hard(system: System, *, soft: bool) -> NDArray[np.int64]:
 
 def _jacobian_at_rest(system: System, a_over_D: float) -> NDArray[np.float64]:
     """The rows of −½ (I3 − 1) and −½ h (n_p + n_q, n_u), integrated over the patches, in normalised form."""
+    B = np.zeros((system.size, system.n_u))
+    own = np.asarray(system.local_u)
+    for row, patch in zip(rows_at_rest(system, a_over_D), np.asarray(system.local_multipliers).T, strict=True):
+        np.add.at(B, (patch[:, None], own), row)
+    return _normalised(system, B[system.n_u :])
+
+
+def rows_at_rest(system: System, a_over_D: float) -> list[NDArray[np.float64]]:
+    """The derivatives at rest of −½ (I3 − 1), and of −½ h where the weave acts, by an element's own displacements.
+
+    Each (n_elements, n_local) [mm², or mm³ for an angle], integrated over the element; of a small system.
+    """
     dF = np.asarray(system.gradient).reshape(*system.weight.shape, 3, 3, -1)
     weight, frame = np.asarray(system.weight), np.asarray(system.frame)
     rows = [-np.einsum("eg,egiil->el", weight, dF)]
     if system.weave:
         by_4, by_6 = (float(d) for d in evaluate(_slopes_at_rest, np.array([a_over_D]))[0])
-        for derivative, k, store in ((by_4, 0, rows), (by_6, 1, rows)):
-            store.append(-derivative * np.einsum("eg,egi,egijl,egj->el", weight, frame[:, :, k], dF, frame[:, :, k]))
-        rows = [rows[0], rows[1] + rows[2]]
-    B = np.zeros((system.size, system.n_u))
-    own = np.asarray(system.local_u)
-    for row, patch in zip(rows, np.asarray(system.local_multipliers).T, strict=True):
-        np.add.at(B, (patch[:, None], own), row)
-    return _normalised(system, B[system.n_u :])
+        along, across = (
+            np.einsum("eg,egi,egijl,egj->el", weight, frame[:, :, k], dF, frame[:, :, k], optimize=True) for k in (0, 1)
+        )
+        rows.append(-by_4 * along - by_6 * across)
+    return rows
 
 
 def _slopes_at_rest(a_over_D: Array) -> Array:

@@ -319,6 +319,19 @@ def volume_ratios(system: System, u: Array) -> Array:
     return jax.vmap(jax.vmap(lambda y: volume_ratio(system.coordinates, y)))(kinematics(system, u))
 
 
+@jax.jit
+def is_folded(system: System, u: Array) -> Array:
+    """Whether a node left the range of its coordinates, such as for a negative radius, though no Gauss point did.
+
+    A hole has closed there, and the body would go through itself. Nodes that begin at the end of the range, on the axis
+    of a solid cylinder, are not looked at.
+    """
+    if not system.coordinates.curved:
+        return jnp.array(False)
+    inside = jax.vmap(system.coordinates.inside)
+    return jnp.any(inside(system.points) & ~inside(system.points + u))
+
+
 def square_of_strain(system: System, dz: Array) -> Array:
     """|∂F|² (n_elements, n_points) [–] at rest for a change dz of the unknowns."""
     if system.gradient is not None:

@@ -30,7 +30,8 @@ class At(NamedTuple):
     r: (n,) residual [mN, mN·mm; mm³]; K: the tangent, of a type of its solver's own; stress: the largest force
     imbalance as a stress [kPa]; violation: the largest patch mean of ½ |I3 − 1| and ½ |h|, or relative error of a
     volume [–]; modulus: the largest stress [kPa] by a unit strain of one unknown, or the largest multiplier; least_J:
-    the smallest det F [–]; finite: whether everything is; noise: the relative residual that round-off alone may leave.
+    the smallest det F [–], or −1 where a hole closed; finite: whether everything is; noise: the relative residual that
+    round-off alone may leave.
     """
 
     r: Array
@@ -180,8 +181,9 @@ class Dense:
     def _at(self, z: Array, inputs: Inputs) -> At:
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
         r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(self.system, z, inputs))
-        J = lagrangian.volume_ratios(self.system, self.system.displacements(z, inputs))
-        at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], jnp.min(J), K)
+        u = self.system.displacements(z, inputs)
+        J = jnp.where(lagrangian.is_folded(self.system, u), -1.0, jnp.min(lagrangian.volume_ratios(self.system, u)))
+        at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], J, K)
         return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
 
     def factorise(self, at: At, mu: Array, last: Array) -> Factors | tiny.Inverse:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxmyo import checks
 from jaxmyo.mesh import Mesh
 
 
@@ -19,11 +20,12 @@ def columns(mesh: Mesh, axis: str) -> NDArray[np.int64]:
     return _renumbered(np.broadcast_to(across, number.shape).reshape(-1))
 
 
-def blocks(mesh: Mesh) -> NDArray[np.int64]:
-    """One patch per block of 2×2×2 elements (smaller at the end of an odd number); the mesh is structured."""
+def blocks(mesh: Mesh, size: int | tuple[int, int, int] = 2) -> NDArray[np.int64]:
+    """One patch per block of size³ elements, or of (n1, n2, n3) (smaller at an end); the mesh is structured."""
     grid = _grid(mesh)
-    half = np.stack(np.meshgrid(*[np.arange(n) // 2 for n in grid], indexing="ij"), axis=-1).reshape(-1, 3)
-    return _renumbered(half @ np.array([grid[1] * grid[2], grid[2], 1]))
+    n1, n2, n3 = checks.counts("size", (size,) * 3 if isinstance(size, int) else size, 3)
+    place = np.stack(np.meshgrid(*[np.arange(n) // m for n, m in zip(grid, (n1, n2, n3), strict=True)], indexing="ij"))
+    return _renumbered(np.tensordot(np.array([grid[1] * grid[2], grid[2], 1]), place, axes=1).reshape(-1))
 
 
 def checked(name: str, patches: Any, mesh: Mesh) -> NDArray[np.int64]:

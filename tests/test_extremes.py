@@ -1,0 +1,152 @@
+"""Random problems over the extremes, and the hand-made equations and the branch that they are held against."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import reference as by_hand
+import reference_tube
+from conftest import jaxmyo_in
+
+import jaxmyo as jm
+from jaxmyo.stability import independent, tables
+from jaxmyo.stability.problems import draw
+from jaxmyo.stability.random_problems import body_of, branch_A, branch_C, muscle_C, muscle_of, outcome
+from jaxmyo.stability.reference import End
+from jaxmyo.status import Status
+
+
+@pytest.mark.parametrize("weave", [True, False])
+@pytest.mark.parametrize("kind", ["sample", "tube"])
+def test_the_tangent_by_hand_is_the_derivative_of_the_residual(kind: str, weave: bool) -> None:
+    problems = draw(kind, 6, seed=3)
+    problems = problems._replace(constants=np.tile(problems.constants[:1], (6, 1)))
+    body = body_of(kind, problems)
+    rng = np.random.default_rng(0)
+    muscle = muscle_of(problems, weave, body)
+    muscle = independent.Muscle(
+        muscle.constants, muscle.T0, muscle.beta, muscle.a_over_D, rng.normal(size=body.weight.shape), 3.0 * muscle.T_cf
+    )
+    size = body.n_u + body.n_p + weave
+    z = 0.05 * rng.normal(size=(6, size)) * np.concatenate([np.ones(body.n_u), np.full(size - body.n_u, 100.0)])
+    if kind == "tube":
+        z[:, : body.n_u - 1] *= np.diff(problems.R).min(axis=1)[:, None]
+    pressure = rng.uniform(0.0, 10.0, 6)
+    _, K = independent.residual_and_tangent(body, muscle, z, pressure)
+    for a in range(size):
+        step = 1e-6 * np.maximum(
+            np.abs(z[:, a]), 1e-3 if kind == "sample" or a >= body.n_u - 1 else 1e-3 * problems.R[:, 1]
+        )
+        plus, minus = z.copy(), z.copy()
+        plus[:, a] += step
+        minus[:, a] -= step
+        r = [independent.residual_and_tangent(body, muscle, x, pressure)[0] for x in (plus, minus)]
+        slope = (r[0] - r[1]) / (plus[:, a] - minus[:, a])[:, None]
+        scale = np.abs(K).max(axis=(1, 2), keepdims=True)[:, :, 0]
+        np.testing.assert_allclose(slope / scale, K[:, :, a] / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("a_over_D", [0.2, None])
+def test_the_branch_of_the_sample_is_that_of_the_scalar_equation(a_over_D: float | None) -> None:
+    problems = draw("sample", 40, seed=1)
+    constants = np.array([list(by_hand.SETS["table1"].values())] * 40)
+    problems = problems._replace(constants=constants, a_over_D=np.full(40, a_over_D or 0.0))
+    body = body_of("sample", problems)
+    found = branch_A(body, muscle_of(problems, a_over_D is not None, body))
+    assert (found.end == End.REACHED).all()
+    for i in range(40):
+        one = by_hand.free_contraction(by_hand.SETS["table1"], float(problems.T0[i]), a_over_D, float(problems.beta[i]))
+        np.testing.assert_allclose(1.0 + found.z[i, :3], one.stretches, atol=1e-8)
+
+
+def test_the_branch_of_the_tube_ends_at_its_limit_point() -> None:
+    """The paper's tube without the weave, loaded straight from the contracted state: 7.22 kPa is the most it bears."""
+    n = 1
+    problems = draw("tube", n, seed=0)._replace(
+        constants=np.array([list(by_hand.SETS["table1"].values())]),
+        T0=np.array([15.0]),
+        beta=np.ones(n),
+        target=np.array([[18.0]]),
+        R=np.linspace(2.0, 3.5, 33)[None],
+    )
+    body = body_of("tube", problems)
+    muscle = muscle_of(problems, False, body)
+    A = branch_A(body, muscle)
+    C = branch_C("tube", body, muscle_C(body, muscle, A.z), A.z, problems, np.arange(1))
+    assert (A.end[0], C.end[0]) == (End.REACHED, End.LIMIT_POINT)
+    tube = reference_tube.Tube()
+    exact = reference_tube.contract(by_hand.SETS["table1"], tube, 15.0, None, 1.0)
+    with pytest.raises(reference_tube.LimitPoint) as limit:
+        reference_tube.inflate(by_hand.SETS["table1"], tube, exact, 18.0)
+    assert 18.0 * C.reached[0] == pytest.approx(limit.value.load, rel=2e-3)
+    assert A.z[0, 0] + 2.0 == pytest.approx(exact.ri, rel=1e-3)
+
+
+def test_a_hole_that_closes_ends_the_path() -> None:
+    """The nodes inside came out at negative radii, which no Gauss point sees: of no body, though converged."""
+    scene = jm.radial_tube(4, Ri=0.073, Ro=2.073)
+    A = jm.contract(scene, T0=3.94, a_over_D=0.1936, beta=0.354, throw=False)
+    assert A.status == Status.NO_DESCENT
+    assert 0.8 < A.reached < 1.0
+    inner = scene.mesh.points[:, 0] + np.asarray(A.u)[:, 0]
+    assert 0.0 < inner.min() < 0.01
+
+
+def test_a_pressure_does_not_turn_the_inside_of_a_narrow_tube_out() -> None:
+    """One step of the whole pressure had a solution with a negative inner radius, a small strain away in the mean."""
+    scene = jm.radial_tube(4, Ri=1.54763202e-3, Ro=2.00154763)
+    A = jm.contract(scene, T0=0.0068586, a_over_D=0.2029953, beta=0.45652844)
+    C = jm.load(A, jm.Pressure("inner", 30.44716))
+    r = scene.mesh.points[:, 0] + np.asarray(C.u)[:, 0]
+    assert r.min() == pytest.approx(1.54763202e-3 + 0.06068881, rel=1e-5)
+
+
+def test_random_problems_of_the_sample() -> None:
+    """All that have a solution converge to it; the others say why. Found by other equations and another method."""
+    found = outcome("sample", True, 100, seed=5)
+    assert_sound(found)
+    assert np.nanmax(found.off_A) < 1e-9
+    assert np.nanmax(found.off_C) < 1e-9
+
+
+def assert_sound(found: object) -> None:
+    for state in "AC":
+        count = tables.counts(found, state)  # type: ignore[arg-type]
+        assert count.converged + count.named == count.asked
+        assert (count.inexact, count.wrong, count.nan) == (0, 0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weave", [True, False])
+@pytest.mark.parametrize("kind", ["sample", "tube"])
+def test_more_random_problems(kind: str, weave: bool) -> None:
+    """The few tubes whose load is steeper than float64 resolves are named; a tube may be beyond a limit point."""
+    found = outcome(kind, weave, 500, seed=7)
+    assert_sound(found)
+    for state in "AC":
+        count = tables.counts(found, state)
+        assert count.missed <= 0.01 * count.solvable
+        assert count.beyond <= 0.01 * count.solvable
+
+
+@pytest.mark.slow
+def test_random_solids() -> None:
+    from jaxmyo.stability.solids import solid_outcome
+
+    found = solid_outcome(200, seed=0)
+    assert np.nanmax(found.error_A) < 1e-9
+    assert np.nanmax(found.error_C) < 1e-9
+    assert not (found.off > 1e-5).any()
+    assert np.isfinite(found.A.u).all()
+    assert np.isfinite(found.C.u).all()
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path: Path) -> None:
+    run = jaxmyo_in(tmp_path)("stability", "--quick", "--json", "--out", "out")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["inf_sup"]["cube 1×1×1"]["p: element, q: element"] == pytest.approx([0.245, 0.049, 0.026], abs=1e-3)
+    assert all((tmp_path / file).stat().st_size > 0 for file in found["files"])
+    assert {"report.md", "maps.png", "inf_sup.png"} <= {Path(file).name for file in found["files"]}
