@@ -5,6 +5,7 @@ Units everywhere: mm, kPa, mN (energies in µJ). Importing the package enables f
 
 from jaxmyo import precision  # noqa: F401  isort: skip  (first: it enables float64 before any array is made)
 from jaxmyo.accuracy import Answer, converge
+from jaxmyo.arc_length import Trace, trace
 from jaxmyo.conditions import (
     BodyForce,
     Displacement,
@@ -81,6 +82,7 @@ __all__ = [
     "Stretch",
     "Study",
     "Symmetry",
+    "Trace",
     "Traction",
     "Uniform",
     "Ventricle",
@@ -112,6 +114,7 @@ __all__ = [
     "structured",
     "study",
     "thin_sample",
+    "trace",
     "tube_sector",
     "ventricle_body",
     "ventricle_mesh",

@@ -18,6 +18,9 @@ from jaxmyo.linear import At, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.status import Status
 
+#: A path that ends so near to the limit point that its last states tell, in t, has come to it.
+NEAR_LIMIT = 1e-6
+
 
 class Solution(NamedTuple):
     """The end of a path: the last converged state and what was spent.
@@ -26,6 +29,7 @@ class Solution(NamedTuple):
     force_residual [mN], constraint_residual [–]; status: see `Status`; steps, rejected, iterations: counts;
     history: relative residuals of the last Newton loop, 0 beyond its end;
     negative, zero: eigenvalue counts, see `linear.Dense.inertia`; −1 where nothing was solved;
+    stable_until: fraction of the load before the determinant of the tangent first changed its sign, 1 if it did not;
     work: of a sparse solve, its counts and seconds.
     """
 
@@ -42,7 +46,36 @@ class Solution(NamedTuple):
     history: Array
     negative: Array
     zero: Array
+    stable_until: Array
     work: dict[str, Array]
+
+
+class _Pace(NamedTuple):
+    """Two states on the way, each of at most half of the speed that the path had later.
+
+    Near a limit point t* the body moves like (t* − t)^½, so its speed grows beyond all bounds and 1/speed² falls
+    linearly to 0: two states tell t*.
+    """
+
+    t: tuple[Array, Array]
+    speed: tuple[Array, Array]
+
+    def after(self, xp: ModuleType, t: Array, speed: Array) -> "_Pace":
+        """With one more state."""
+        (t_0, t_1), (v_0, v_1) = self
+        slower, twice = speed < v_1, speed >= 2.0 * v_1
+
+        def kept(new: Array, newer: Array, old: Array) -> Array:
+            return xp.where(slower, newer, xp.where(twice, new, old))
+
+        return _Pace((kept(t_1, t, t_0), kept(t, t, t_1)), (kept(v_1, speed, v_0), kept(speed, speed, v_1)))
+
+    def to_limit(self, xp: ModuleType, t: Array, speed: Array) -> Array:
+        """How far the limit point is from the state at t; infinite where the path does not come to one."""
+        latest = speed >= 2.0 * self.speed[1]
+        t_0, v_0 = (xp.where(latest, x[1], x[0]) for x in self)
+        ratio = (speed / v_0.clip(1e-30)) ** 2
+        return xp.where((v_0 > 0.0) & (ratio >= 3.9), (t - t_0) / (ratio - 1.0).clip(1e-30), xp.inf)
 
 
 class _Path(NamedTuple):
@@ -51,7 +84,9 @@ class _Path(NamedTuple):
     at: At
     rate: Array  # dz/dt along the path
     speed: Array  # root-mean-square strain of the body per t, along the tangent
+    pace: _Pace
     sign: Array  # of the determinant of the tangent
+    stable: Array  # the last t before it first changed
     dt: Array
     reason: Array  # why the last step was rejected
     history: Array
@@ -119,10 +154,12 @@ def follow(
         aimed = path.speed * taken
         off, _ = lin.strain_of(found.z - guess)
         near = off <= xp.maximum(0.5 * aimed, 0.05 * settings.move)
-        # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which.
+        # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which,
+        # and to know the load.
         known = (found.status == Status.CONVERGED) & (near | at_start)
         sign = control.choose(known, lambda: found.factors.sign, lambda: path.sign)
-        passed = (sign != path.sign) & (aimed > 0.05 * settings.move)
+        far = (aimed > 0.05 * settings.move) | (fraction(t) - fraction(path.t) > 0.01)
+        passed = (sign != path.sign) & far
         good = known & (~passed | at_start)
         if not traced:
             status = Status(int(found.status)).name if good or found.status else "BRANCH_LEFT"
@@ -146,7 +183,9 @@ def follow(
                 at=found.at,
                 rate=rate,
                 speed=speed,
+                pace=path.pace.after(xp, t, speed),
                 sign=sign,
+                stable=xp.where((path.stable >= 1.0) & (sign != path.sign) & ~at_start, path.t, path.stable),
                 # Only a failure ends the path: a tangent that starts almost singular may well ask for a tiny step.
                 dt=xp.maximum(next_dt, settings.min_step),
                 reason=xp.array(Status.TOO_MANY_STEPS),
@@ -167,7 +206,9 @@ def follow(
         at=At.unknown(xp, z, lin.nothing()[0]),
         rate=xp.zeros_like(z),
         speed=0.0 * one,
+        pace=_Pace((0.0 * one, 0.0 * one), (0.0 * one, 0.0 * one)),
         sign=0.0 * one,
+        stable=one,
         dt=one,
         reason=xp.array(Status.SINGULAR),
         history=xp.zeros(settings.max_iterations + 1),
@@ -179,7 +220,9 @@ def follow(
         last = control.loop(keep_going, step, newton.batched_as(valid, first))
     reached = fraction(xp.maximum(last.t, 0.0))
     negative, zeros = lin.inertia(last.at, last.z)
-    over = Status.TIME_LIMIT if not traced and watch.is_over else last.reason
+    beyond = last.pace.to_limit(xp, last.t, last.speed)
+    ended = xp.where(beyond <= NEAR_LIMIT, Status.LIMIT_POINT, last.reason)
+    over = Status.TIME_LIMIT if not traced and watch.is_over else ended
     status = xp.where(last.t >= 1.0, Status.CONVERGED, over)
     solution = Solution(
         z=last.z,
@@ -195,6 +238,7 @@ def follow(
         history=last.history,
         negative=xp.where(valid, negative, -1),
         zero=xp.where(valid, zeros, -1),
+        stable_until=xp.where(last.stable >= 1.0, 1.0, fraction(last.stable)),
         work=lin.work,
     )
     return solution, last.at.K

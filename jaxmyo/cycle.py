@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -12,7 +13,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, lagrangian, outputs, surface
+from jaxmyo import checkpoint, checks, lagrangian, outputs, sparse, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
@@ -42,6 +43,7 @@ def cycle(
     loads: Callable[[float], Sequence[Condition]],
     weave_stiffness: ArrayLike | None = None,
     constants: Any = None,
+    out: str | Path | None = None,
     settings: Settings = DEFAULT,
     throw: bool = True,
 ) -> Cycle:
@@ -79,8 +81,23 @@ def cycle(
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
     valid = valid & finite & jnp.all(checks.within(plan.beta, "beta"))
-    run = _run if system_A.is_small and system_C.is_small else _run_on_host
-    found_A, found_C = run(_Problem(system_A, system_C, inputs, unloaded, plan, valid), settings)
+    problem = _Problem(system_A, system_C, inputs, unloaded, plan, valid)
+    if out is not None:
+        if checks.is_traced(problem):
+            raise TypeError("out is for a cycle outside of jit, vmap and grad")
+        own = checkpoint.identity(
+            scene,
+            s=times,
+            inputs=inputs,
+            weave=str(system_A.weave),
+            beta=plan.beta,
+            loads=(plan._replace(beta=jnp.zeros(0)), problem.unloaded, str(jax.tree.structure(every[0]))),
+            settings=str(settings._replace(progress=False, time_limit=None)),
+        )
+        found_A, found_C = _run_kept(problem, settings, Path(out), own)
+    else:
+        run = _run if system_A.is_small and system_C.is_small else _run_on_host
+        found_A, found_C = run(problem, settings)
     A = _states(scene, system_A, found_A, ())
     C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie | Volume)))
     if throw and not checks.is_traced(found_C.status):
@@ -174,6 +191,36 @@ def _run_on_host(problem: _Problem, settings: Settings) -> tuple[Solution, Solut
         at, both = step(at, jax.tree.map(lambda x, k=k: x[k], problem.plan))
         found.append(both)
     return jax.tree.map(lambda *x: jnp.stack(x), *found)
+
+
+@partial(jax.jit, static_argnames=("settings",))
+def _one(problem: _Problem, at: _At, now: _Step, settings: Settings) -> tuple[_At, tuple[Solution, Solution]]:
+    """One step, as one program."""
+    return _steps(problem, settings)[1](at, now)
+
+
+def _run_kept(problem: _Problem, settings: Settings, path: Path, own: dict[str, str]) -> tuple[Solution, Solution]:
+    """The same, each step kept in a file; those that are in it are not solved again."""
+    found = checkpoint.read(path, own, problem.inputs.constants)
+    small = problem.system_A.is_small and problem.system_C.is_small
+    at, step = _steps(problem, settings)
+    if found:
+        A, C = found[-1]
+        begun = any(int(a.status) == Status.CONVERGED for a, _ in found)
+        at = _At(A.z, A.inputs, C.z, C.inputs, jnp.array(begun))
+    in_time = True
+    for k in range(len(found), len(problem.plan.beta)):
+        now = jax.tree.map(lambda x, k=k: x[k], problem.plan)
+        if not small:  # the factors that a run has kept are none of another run's
+            sparse.forget_factors()
+        at, both = _one(problem, at, now, settings=settings) if small else step(at, now)
+        found.append(both)
+        late = any(int(solution.status) == Status.TIME_LIMIT for solution in both)
+        in_time = in_time and not late  # what the next run, with more time, finds otherwise is not kept
+        if in_time:
+            checkpoint.write(path, own, found)
+    checkpoint.tidy(path)
+    return checkpoint.stacked(found)
 
 
 def _stack(*values: ArrayLike) -> Any:

@@ -92,7 +92,7 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
         )
     of_system, moved = _perturbed(system, d_system)
     of_inputs, driven = _perturbed(s.inputs, d_end)
-    tangent = _hold(system, s.z, s.inputs) if K is None else K
+    tangent = _hold(system, s.z, s.inputs, regular) if K is None else K
     dz = _sensitivity(system, s.z, s.inputs, regular, tangent, of_system, of_inputs, moved=moved, driven=driven)
     nothing, none = jax.tree.map(_nothing, (s, K))
     # Those of a singular state too: passive tissue at rest hands its constants on to what is loaded from it.
@@ -101,9 +101,9 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
 
 
 @jax.custom_jvp
-def _hold(system: System, z: Array, inputs: Inputs) -> Array:
+def _hold(system: System, z: Array, inputs: Inputs, regular: Array) -> Array:
     """The number of the tangent at z of a large body; a function of values, whatever is differentiated."""
-    return jnp.array(sparse.hold(system, np.asarray(z), inputs))
+    return jnp.array(sparse.hold(system, np.asarray(z), inputs) if regular else 0)
 
 
 @_hold.defjvp

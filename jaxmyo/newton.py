@@ -59,10 +59,6 @@ class Settings(NamedTuple):
 NUMBERS = ("tolerance", "path_tolerance", "max_steps", "move", "min_step")
 
 
-#: Those settings that may be traced: they do not shape the program of a solve.
-NUMBERS = ("tolerance", "path_tolerance", "max_steps", "move", "min_step")
-
-
 class Iterate(NamedTuple):
     """Newton's iterate: the unknowns, and what is known there.
 

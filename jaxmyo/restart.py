@@ -24,7 +24,7 @@ from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.ties import Ties
 
-FORMAT, VERSION = "jaxmyo state", 2  # another version wherever the fields of State or Inputs change
+FORMAT, VERSION = "jaxmyo state", 3  # another version wherever the fields of State or Inputs change
 _CONDITIONS = {kind.__name__: kind for kind in (Traction, Pressure, BodyForce, Spring)}
 _FIELDS = [f.name for f in fields(State) if f.name not in ("scene", "system", "inputs", "conditions")]
 
@@ -45,12 +45,8 @@ def save_state(path: str | Path, state: State) -> Path:
             f"constants = {state.inputs.constants} of the state are of another structure than those of its scene, "
             f"{state.scene.constants_of_kinds()}: a file has no name for them. Build the scene with these constants"
         )
-    arrays: dict[str, NDArray[Any]] = {}
-    content = _pack(_content(state), "", arrays)
-    header = {"format": FORMAT, "version": VERSION, "scene": fingerprint(state.scene), "state": content}
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    with whole(path) as beside, beside.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+    header = {"format": FORMAT, "version": VERSION, "scene": fingerprint(state.scene)}
+    write(path, header, "state", _content(state))
     return Path(path)
 
 
@@ -62,11 +58,10 @@ def load_state(path: str | Path, scene: Scene) -> State:
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene; got {scene!r}")
-    header, arrays = _read(Path(path))
+    header, content = read(Path(path), FORMAT, VERSION, "state", "save_state")
     own, of_file = fingerprint(scene), header["scene"]
     if differ := [part for part, value in own.items() if value != of_file.get(part)]:
         raise ValueError(f"scene is not the one of the state in {path}; they differ in: {', '.join(differ)}")
-    content = _unpack(header["state"], arrays)
     constants = jax.tree.unflatten(jax.tree.structure(scene.constants_of_kinds()), content["inputs"].pop("constants"))
     return State(
         scene=scene,
@@ -123,8 +118,20 @@ def _system(
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), system) if batch else system
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The header and the arrays of a file."""
+def write(path: str | Path, header: dict[str, Any], name: str, content: Any) -> None:
+    """One .npz: the header as JSON, with the content under this name, whose arrays are those of the file."""
+    arrays: dict[str, NDArray[Any]] = {}
+    packed = _pack(content, "", arrays)
+    arrays["header"] = np.frombuffer(json.dumps(header | {name: packed}).encode(), dtype=np.uint8)
+    with whole(path) as beside, beside.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def read(path: Path, form: str, version: int, name: str, writer: str) -> tuple[dict[str, Any], Any]:
+    """The header and the content of a file that `write` wrote; writer: the function that users know it by.
+
+    Errors: ValueError for a file that is damaged, none of these, or of another version.
+    """
     with path.open("rb") as file:
         is_zip = file.read(4) == b"PK\x03\x04"
         file.seek(0)
@@ -134,14 +141,14 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
             raise ValueError(f"path = {path} is truncated or damaged: {error}") from error
     try:
         header = json.loads(arrays.pop("header").tobytes())
-        known = header["format"] == FORMAT
+        known = header["format"] == form
     except (KeyError, TypeError, ValueError):
         known = False
     if not known:
-        raise ValueError(f"path = {path} is no file of `save_state`")
-    if header["version"] != VERSION:
-        raise ValueError(f"path = {path} is of format version {header['version']}; this jaxmyo reads {VERSION}")
-    return header, arrays
+        raise ValueError(f"path = {path} is no file of `{writer}`")
+    if header["version"] != version:
+        raise ValueError(f"path = {path} is of format version {header['version']}; this jaxmyo reads {version}")
+    return header, _unpack(header[name], arrays)
 
 
 def _pack(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:

@@ -40,9 +40,11 @@ def follow(
     z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, start))
     s, K = continuation.follow(exact, z, begin, end, valid, from_rest & ~usable, settings)
     reached = jnp.where(usable, rough.reached, 0.0)
+    first = jnp.where(usable, rough.stable_until, 1.0)
+    then = jnp.where(s.stable_until >= 1.0, 1.0, reached + (1.0 - reached) * s.stable_until)
     reached = jnp.where(s.status == Status.CONVERGED, 1.0, reached + (1.0 - reached) * s.reached)
     spent: Any = {name: getattr(rough, name) + getattr(s, name) for name in ("steps", "rejected", "iterations")}
-    return s._replace(reached=reached, **spent), K
+    return s._replace(reached=reached, stable_until=jnp.where(first < 1.0, first, then), **spent), K
 
 
 def _in_float32(exact: Dense, z: Array, *path: Any) -> Solution:

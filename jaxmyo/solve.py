@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,8 @@ def contract(
     beta ∈ [0, 1]: activation; weave_stiffness: a finite stiffness k [kPa] of the weave, energy ½ k h², instead of the
     exact constraint (−⅛ q²/k is added); constants: instead of the scene's; points: (n_nodes, 3) coordinates Θ of the
     nodes [mm, rad], fibre and cross: arrays as of `Scene`, instead of the scene's, for derivatives by them and batches
-    over them; start: another state A of this scene that the path starts from, instead of rest.
+    over them; start: another state A of this scene that the path starts from, instead of rest (inside `jit` and
+    `vmap`, where a start that failed raises nothing, the state has its status).
     With throw=True a solve that fails raises `SolveError`; with throw=False, and inside `jit` or `vmap`, the status
     says so. Errors: ValueError or TypeError for an input out of its range, ValueError for redundant constraints.
     """
@@ -71,7 +72,11 @@ def contract(
         multipliers = [start.p] if start.q is None else [start.p, start.q]
         z, begin = jnp.concatenate([unknowns(system, u, end.offset), *multipliers]), start.inputs
         valid = valid & start.converged
-    return _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
+    found = _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
+    if start is None:
+        return found
+    # Under jit nothing stops at a start that failed: what is contracted from it fails for its reason.
+    return replace(found, status=jnp.where(start.converged, found.status, start.status))
 
 
 def load(
@@ -87,6 +92,32 @@ def load(
     fades. A body can have several states C under one load; where the path starts decides which is found.
     throw: as in `contract`. Inside `jit` and `vmap`, where a state that failed raises nothing, C has its status.
     """
+    system, z, begin, end, valid, loads = problem(state, conditions, start)
+    origin = state if start is None else start
+    found = _solve(state.scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
+    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
+    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
+    # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
+    zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
+    return replace(found, status=status, zero_eigenvalues=zero)
+
+
+class Problem(NamedTuple):
+    """A path of states C: its system, the unknowns at its start, the inputs at its start and end, and its loads.
+
+    valid: whether all inputs are in their ranges.
+    """
+
+    system: System
+    z: Array
+    begin: Inputs
+    end: Inputs
+    valid: Array
+    loads: tuple[Load | Spring, ...]
+
+
+def problem(state: State, conditions: tuple[Condition, ...], start: State | None) -> Problem:
+    """The path that `load` follows."""
     if jnp.ndim(state.status):
         raise TypeError(
             f"state is a batch of shape {jnp.shape(state.status)}; load each with jax.vmap, or one by state[i]"
@@ -127,12 +158,7 @@ def load(
     if start is not None:
         at_start = jax.lax.stop_gradient((system, z, begin))  # where a path begins has no part in derivatives
         begin = begin._replace(imbalance=residual(*at_start))
-    found = _solve(scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
-    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
-    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
-    # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
-    zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
-    return replace(found, status=status, zero_eigenvalues=zero)
+    return Problem(system, z, begin, end, valid, loads)
 
 
 def contraction(
@@ -343,6 +369,7 @@ def as_state(scene: Scene, system: System, s: continuation.Solution, conditions:
         iterations=s.iterations,
         negative_eigenvalues=s.negative,
         zero_eigenvalues=s.zero,
+        stable_until=s.stable_until,
         work=s.work,
         solver=Dense.name if system.is_small else factor.chosen(system.n_u).name,
     )

@@ -29,12 +29,15 @@ from jaxmyo.coordinates import evaluate
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
 from jaxmyo.pattern import distinct, same_components, upper_diagonals
+from jaxmyo.status import SingularError
 from jaxmyo.ties import rigid_unknowns
 
 EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]
 SINGULAR = 1e-11  # stiffness of a motion, over the largest, that round-off leaves where there is none [–]
 FREE = 1e-8  # stiffness, over the largest, that tells the motions without any from unstable ones [–]
 NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
+SOFT = 1e-5  # stiffness of a motion, over the largest, below which linear systems may not be solved exactly [–]
+SOFTER = 0.25  # change of stiffness, as a fraction, between two tangents that may have different inertia [–]
 SLOW = 0.03  # ratio of the residuals of two iterations from which on a new tangent is worth its assembly [–]
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
@@ -59,6 +62,11 @@ class Tangent:
     W: Floats
     walls: Floats
     diagonal: Any
+
+    @property
+    def bytes(self) -> int:
+        """Of its largest parts."""
+        return self.data.nbytes + self.B.data.nbytes + self.B.indices.nbytes
 
 
 class Sparse:
@@ -293,6 +301,9 @@ class Sparse:
         if at.K is None or self.near(at.K).inertia[0] < 0:
             return np.array(-1), np.array(-1)
         singular = self._is_singular()
+        if not singular and self._is_softer(at.K):
+            self._factorise(at.K, 0.0)
+            singular = self._is_singular()
         if singular:  # round-off decides whether its pivots are negative
             self._take(at.K, FREE * self._stiffness)
             self._stiffened = True
@@ -305,10 +316,31 @@ class Sparse:
         """
         if self.factors.inertia[1] > 0:
             return True
-        n_u = self.system.n_u
-        s = self.scale.unit[:n_u] / np.sqrt(self.scale.volume[:n_u])  # y = x / s: strains
-        y = self.factors.solve(np.random.default_rng(0).normal(size=n_u) / s) / s
+        y = self._soft_motion() / self._strains
         return not SINGULAR * self._stiffness * np.linalg.norm(y) < 1.0
+
+    def _is_softer(self, K: Tangent) -> bool:
+        """Whether K resists the softest motions of the factors much less, or more, than the tangent that they are of.
+
+        A law without stiffness at rest gains it within a small strain, so that being near does not tell.
+        """
+        if self._factored is K:
+            return False
+        x = self._soft_motion()
+        upper = self.pattern.matrix(self._symmetric(K, 0.0))
+        back = self.factors.solve(upper @ x + upper.T @ x - upper.diagonal() * x)
+        return not np.linalg.norm((back - x) / self._strains) < SOFTER * np.linalg.norm(x / self._strains)
+
+    @property
+    def _strains(self) -> Floats:
+        """s (n_u,) such that x / s of unknown displacements x are strains."""
+        n_u = self.system.n_u
+        return np.asarray(self.scale.unit[:n_u] / np.sqrt(self.scale.volume[:n_u]))
+
+    def _soft_motion(self) -> Floats:
+        """Displacements (n_u,) by random forces of size 1 each, in which the softest motions of the factors prevail."""
+        s = self._strains
+        return self.factors.solve(np.random.default_rng(0).normal(size=len(s)) / s)
 
     def near(self, K: Tangent) -> factor.Solver:
         """Factors that have the inertia of K: its own, or those of a state that is the same but for a small strain."""
@@ -396,6 +428,21 @@ class Sparse:
             x, off = self._krylov(K, 0.0, b, 1e-12, None)
         return x, off
 
+    def uncertainty(self, K: Tangent) -> float:
+        """The relative residual to which K x = b is solved, b random, where that is in question; otherwise 0.
+
+        In question: multigrid, which does not know its inertia, and a body with very soft motions.
+        """
+        self.near(K)
+        n_u = self.system.n_u
+        if self.factors.inertia[0] >= 0:
+            y = self._soft_motion() / self._strains
+            if SOFT * self._stiffness * np.linalg.norm(y) < 1.0:
+                return 0.0
+        s = np.where(np.arange(len(self.scale.unit)) < n_u, self.scale.unit, self._stiffness)
+        b = np.random.default_rng(1).normal(size=len(s)) * np.sqrt(self.scale.volume) / s
+        return self.solve_exactly(K, b)[1]
+
     def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, float]:
         """x, aimed at that accuracy, and its relative residual; preconditioned by the factors that are there."""
         assert self._factored is not None
@@ -436,16 +483,29 @@ _known: list[Sparse] = []
 
 #: The tangents at the last states that a derivative was asked of, by a number that JAX can carry.
 _held: dict[int, tuple[Sparse, Tangent]] = {}
-_HELD_AT_MOST = 64
+_HELD_AT_MOST = 2e9  # bytes
 
 
 def hold(system: System, z: Floats, inputs: Inputs) -> int:
-    """The number of the tangent at z, for `solve_held`."""
+    """The number of the tangent at z, for `solve_held`. Errors: SingularError if it could not be solved with.
+
+    They are raised here, since an error inside JAX's callbacks is one of JAX's own by the time a user sees it.
+    """
     sparse = Sparse.of(system)
     handle = max(_held, default=0) + 1
-    _held[handle] = sparse, sparse.tangent(z, inputs)
-    for old in list(_held)[:-_HELD_AT_MOST]:
-        del _held[old]
+    K = sparse.tangent(z, inputs)
+    if not (off := sparse.uncertainty(K)) <= EXACT:
+        raise SingularError(
+            "the state has no derivative that could be found: its linear system is solved to a relative residual of "
+            f"{off:.1e} only ({EXACT:g} is asked for), since the tangent is all but singular, as that of the Lin–Yin "
+            "law next to rest. Differentiate at another state, or hold its soft motions"
+        )
+    _held[handle] = sparse, K
+    size = 0
+    for old in list(_held)[::-1]:
+        size += _held[old][1].bytes
+        if size > _HELD_AT_MOST and old != handle:
+            del _held[old]
     return handle
 
 
@@ -455,7 +515,8 @@ def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
         return np.zeros(np.shape(b))
     if int(handle) not in _held:
         raise RuntimeError(
-            f"a derivative of one of many large states: only the last {_HELD_AT_MOST} tangents are remembered"
+            "a derivative through many large states at once: of their tangents, "
+            f"{1e-9 * _HELD_AT_MOST:g} GB are remembered"
         )
     sparse, K = _held[int(handle)]
     if transposed and K.loads is not None:
@@ -471,8 +532,13 @@ def solve_held(handle: Any, b: Any, transposed: Any, regular: Any) -> Floats:
 
 def forget() -> None:
     """Free the patterns and factors that are kept for the next solve, and for derivatives of the last ones."""
-    _known.clear()
+    forget_factors()
     _held.clear()
+
+
+def forget_factors() -> None:
+    """Free those for the next solve: what it finds then does not depend, in its last digits, on what was before."""
+    _known.clear()
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
-from jaxmyo import checks, lagrangian, outputs, surface
+from jaxmyo import checks, ellipticity, lagrangian, outputs, surface
 from jaxmyo.conditions import Load, Spring
 from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
@@ -18,6 +19,12 @@ from jaxmyo.status import Status, explain
 
 #: The fields at the quadrature points that `State.mean` averages.
 FIELDS = ["F", "C", "stretches", "second_piola_kirchhoff", "cauchy", "cauchy_fibre", "T_f", "T_cf"]
+
+
+#: Elements at most in which a message looks for the place where the material is weakest.
+LOOKED_AT = 256
+#: Statuses that no place in the body explains.
+_NO_PLACE = {Status.CONVERGED, Status.INVALID_INPUT, Status.TIME_LIMIT, Status.OUTPUT_NOT_FINITE}
 
 
 def _per_state(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -51,7 +58,9 @@ class State:
     negative_eigenvalues: of the second variation on the constraint manifold, 0 for a stable state; zero_eigenvalues: of
     the saddle matrix, > 0 where a mode has no stiffness, also in the state A that left C its tensions: such a state has
     no derivative (a large body has 1 for any number of them); both −1 where an invalid input kept the solve from
-    starting, and where multigrid does not know them;
+    starting, and where multigrid does not know them; stable_until: the fraction of the load before the
+    determinant of the tangent first changed its sign on the path, to 0.01, 1 if it did not: there an odd number of
+    modes gained or lost stability;
     solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the
     seconds of its parts.
     """
@@ -75,6 +84,7 @@ class State:
     iterations: Array
     negative_eigenvalues: Array
     zero_eigenvalues: Array
+    stable_until: Array
     work: dict[str, Array]
     solver: str = field(metadata={"static": True})
 
@@ -87,7 +97,44 @@ class State:
     def message(self) -> str:
         """What happened, where, and what to try (of one state: `states[i].message` in a batch)."""
         loads = surface.values(self.scene.mesh, self.conditions, self.inputs.loads)
-        return explain(self.status, self.reached, self.residual, ", ".join(loads))
+        said = explain(self.status, self.reached, self.residual, ", ".join(loads), self._stability())
+        return said if int(self.status) in _NO_PLACE else f"{said} {self._weakest_place()}"
+
+    def _stability(self) -> str:
+        """Of one state: how many modes are unstable, and since when; nothing where it is stable."""
+        n, since = int(self.negative_eigenvalues), float(self.stable_until)
+        if n <= 0 or int(self.status) == Status.LIMIT_POINT:
+            return ""
+        after = f", after {100 * since:.3g} % of the load" if since < 1.0 else ""
+        return f"unstable: {n} mode{'s' if n > 1 else ''}{after}"
+
+    def _weakest_place(self) -> str:
+        """Of one state: whether and where the material has lost ellipticity, and where it is stretched most."""
+        stretch = np.sqrt(np.linalg.eigvalsh(np.asarray(self.C))[..., -1])
+        looked_at = np.argsort(-stretch.max(axis=1), kind="stable")[:LOOKED_AT]
+        system = replace(
+            self.system, frame=self.system.frame[looked_at], material=jnp.asarray(self.system.material)[looked_at]
+        )
+        inputs = self.inputs._replace(T_f=self.inputs.T_f[looked_at], T_cf=self.inputs.T_cf[looked_at])
+        found = ellipticity.weakest(system, self.F[looked_at], self._multipliers()[looked_at], inputs)
+        least, directions = (np.asarray(x) for x in found)
+
+        def place(values: NDArray[np.float64], elements: NDArray[np.int64] | None = None) -> str:
+            e, g = (int(i) for i in np.unravel_index(np.argmax(values), values.shape))
+            return f"element {e if elements is None else elements[e]}, Gauss point {g}"
+
+        if not np.isfinite(least).all():
+            said = f"The stiffness of the material is beyond float64 in {place(~np.isfinite(least), looked_at)}"
+        elif least.min() <= 0.0:
+            N = directions[np.unravel_index(least.argmin(), least.shape)]
+            said = (
+                f"The material has lost ellipticity, most in {place(-least, looked_at)}: {least.min():.4g} kPa for a "
+                f"band normal to ({', '.join(f'{x:.3f}' for x in N)})"
+            )
+        else:
+            said = f"The material is elliptic, least in {place(-least, looked_at)}: {least.min():.4g} kPa"
+        among = f" (of the {LOOKED_AT} elements that are stretched most)" if len(stretch) > LOOKED_AT else ""
+        return f"{said}{among}; the largest stretch, {stretch.max():.4g}, is in {place(stretch)}."
 
     @property
     @_per_state
@@ -111,9 +158,12 @@ class State:
     @_per_state
     def second_piola_kirchhoff(self) -> Array:
         """S = 2 ∂W/∂C (n_elements, n_points, 3, 3) [kPa], along the local unit vectors of the state P."""
+        return outputs.second_piola_kirchhoff(self.system, self.F, self._multipliers(), self.inputs)
+
+    def _multipliers(self) -> Array:
+        """p and q (n_elements, 1 or 2) [kPa] of each element."""
         per_patch = jnp.concatenate([self.p] if self.q is None else [self.p, self.q])
-        multipliers = per_patch[self.system.local_multipliers - self.system.n_u]
-        return outputs.second_piola_kirchhoff(self.system, self.F, multipliers, self.inputs)
+        return per_patch[self.system.local_multipliers - self.system.n_u]
 
     @property
     @_per_state
@@ -127,6 +177,25 @@ class State:
         """Cauchy stress (n_elements, n_points, 3, 3) [kPa] in deformed fibre axes: fibre, cross-fibre, normal."""
         R = outputs.deformed_frame(self.F, self.system.frame)
         return R @ self.cauchy @ jnp.swapaxes(R, -1, -2)
+
+    @property
+    def ellipticity(self) -> Array:
+        """The least energy of a band of localised deformation (n_elements, n_points) [kPa], see `jaxmyo.ellipticity`.
+
+        The least eigenvalue of the acoustic tensor over all directions N of P and amplitudes that keep the volume:
+        positive where the material is strongly elliptic, μ for ½ μ (I1 − 3) at rest.
+        """
+        return self._weakest[0]
+
+    @property
+    def weakest_direction(self) -> Array:
+        """The normal N in P (n_elements, n_points, 3) of the band that `ellipticity` is of, along the local axes."""
+        return self._weakest[1]
+
+    @property
+    @_per_state
+    def _weakest(self) -> tuple[Array, Array]:
+        return ellipticity.weakest(self.system, self.F, self._multipliers(), self.inputs)
 
     @property
     def T_f(self) -> Array:

@@ -18,6 +18,7 @@ class Status(IntEnum):
     TOO_MANY_STEPS = 6
     TIME_LIMIT = 7
     OUTPUT_NOT_FINITE = 8
+    LIMIT_POINT = 9
 
 
 MEANING = {
@@ -28,13 +29,12 @@ MEANING = {
     ),
     Status.NO_DESCENT: (
         "no correction shrank the residual, however small the load step: every trial inverted an element, overflowed "
-        "the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. There is probably no "
-        "equilibrium beyond this load (a limit point); try a smaller load, or prescribe a displacement instead of a "
-        "traction"
+        "the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. Try a smaller load, or "
+        "prescribe a displacement instead of a traction"
     ),
     Status.TOO_MANY_ITERATIONS: (
-        "Newton's iterations ran out at the smallest load step. The state is close to a limit point or a bifurcation; "
-        "try a smaller load, or prescribe a displacement instead of a traction"
+        "Newton's iterations ran out at the smallest load step. The state may be close to a bifurcation; try a smaller "
+        "load, or prescribe a displacement instead of a traction"
     ),
     Status.SINGULAR: (
         "the tangent is singular, or too large for float64 (exp Q at large strain). A mode without stiffness is free, "
@@ -49,21 +49,29 @@ MEANING = {
         "steps (settings.max_steps)"
     ),
     Status.TIME_LIMIT: "the time limit passed (settings.time_limit). Go on from this state, or allow more time",
+    Status.LIMIT_POINT: (
+        "the load has a maximum on this branch (a limit point): the body moves ever faster towards it, and there is no "
+        "equilibrium near by beyond. Try a smaller load; prescribe a displacement or a volume instead of a traction or "
+        "a pressure; or follow the branch beyond its limit point (jaxmyo.trace)"
+    ),
     Status.OUTPUT_NOT_FINITE: (
         "the state converged, but an output that a study computes from it is not finite; look at the output's function"
     ),
 }
 
 
-def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike, loads: str = "") -> str:
-    """One sentence: what happened, how far the path came (`loads`: which are there), the residual, and what to try."""
+def explain(status: ArrayLike, reached: ArrayLike, residual: ArrayLike, loads: str = "", stability: str = "") -> str:
+    """One sentence: what happened, how far the path came (`loads`: which are there), the residual, and what to try.
+
+    stability: what is known of the stability of the state, or nothing.
+    """
     s = Status(int(np.asarray(status)))
+    of_state = f"relative residual {float(np.asarray(residual)):.1e}" + (f"; {stability}" if stability else "")
     if s is Status.CONVERGED:
-        return f"converged (relative residual {float(np.asarray(residual)):.1e})"
+        return f"converged ({of_state})"
     return (
         f"{s.name} at {100 * float(np.asarray(reached)):.4g} % of the load{', ' + loads if loads else ''} "
-        f"(the fields are those of the last converged step, relative residual {float(np.asarray(residual)):.1e}): "
-        f"{MEANING[s]}."
+        f"(the fields are those of the last converged step, {of_state}): {MEANING[s]}."
     )
 
 

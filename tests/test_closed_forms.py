@@ -152,6 +152,7 @@ def test_a_pressure_beyond_the_limit_point_is_refused() -> None:
         jm.load(sphere(4), jm.Pressure("inner", 8.6, ends="closed"))
     state = failure.value.state
     assert isinstance(state, jm.State)
+    assert int(state.status) == jm.Status.LIMIT_POINT
     greatest = exact.neo_hookean_sphere(MU, RI, RO, limit_of_the_sphere())
     assert 0.98 * greatest < 8.6 * float(state.reached) < 1.02 * greatest
     assert 1.7 < inner_radius(state) < 1.95

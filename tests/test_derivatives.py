@@ -349,17 +349,18 @@ def test_no_derivative_is_nan() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_loaded_from_a_state_that_failed_has_its_status() -> None:
+def test_what_starts_from_a_state_that_failed_has_its_status() -> None:
     scene, few = jm.thin_sample(), jm.Settings(max_steps=3)
 
     def stress(T0: Any) -> tuple[Any, Any]:
         A = jm.contract(scene, T0=T0, a_over_D=0.2, settings=few)
+        B = jm.contract(scene, T0=1.0, a_over_D=0.2, start=A)
         C = jm.load(A, jm.Stretch("x", 1.0))
-        return C.mean("cauchy")[0, 0], (A.status, C.status)
+        return C.mean("cauchy")[0, 0], (A.status, B.status, C.status)
 
     slope, status = jax.jit(jax.vmap(jax.grad(stress, has_aux=True)))(jnp.array([200.0, -1.0]))
     why = [jm.Status.TOO_MANY_STEPS, jm.Status.INVALID_INPUT]
-    assert [s.tolist() for s in status] == [why, why]
+    assert [s.tolist() for s in status] == [why, why, why]
     assert slope.tolist() == [0.0, 0.0]
 
 

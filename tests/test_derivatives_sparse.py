@@ -16,6 +16,9 @@ from jaxmyo.status import SingularError
 
 STEP = 0.01
 
+#: The fibres are tilted against the struts on purpose: that these are made normal to them has derivatives, too.
+pytestmark = pytest.mark.filterwarnings("ignore:fibre and cross are not orthogonal")
+
 
 @pytest.fixture
 def sparse_only(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -152,6 +155,44 @@ def test_second_derivatives_and_the_dense_ones(monkeypatch: pytest.MonkeyPatch) 
     sparse.forget()
 
 
+@pytest.mark.slow
+def test_through_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all states of a cycle by T0, activation, constants and loads: differences to 1e-7, the dense gradient to 1e-8.
+
+    The tangents of all steps are remembered until then.
+    """
+    x = {
+        name: INPUTS[name] for name in ("T0", "beta", "a_over_D", "weave_stiffness", "constants", "stretch", "pressure")
+    }
+
+    def over_all(x: Any) -> Any:
+        cycle = jm.cycle(
+            SCENE,
+            [0.0, 0.5, 1.0],
+            **{name: x[name] for name in ("T0", "a_over_D", "weave_stiffness", "constants")},
+            beta=lambda s: x["beta"] * s,
+            loads=lambda s: [
+                jm.Stretch("x", 1.0 + (x["stretch"] - 1.0) * s),
+                jm.Pressure("z1", x["pressure"] * s, ends="open"),
+            ],
+        )
+        assert (cycle.C.solver == "dense LU") == (solve.LARGE > 0)
+        return jnp.array([0.3, -0.5, 1.0]) @ (
+            cycle.C.u[:, 4, 1] + 0.1 * cycle.C.cauchy[:, 0, 1, 2, 2] + cycle.A.T_cf[:, 1, 3]
+        )
+
+    dense = jax.grad(over_all)(x)
+    monkeypatch.setattr(solve, "LARGE", 0)
+    sparse.forget()
+    gradient = jax.grad(over_all)(x)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8), gradient, dense)
+    along = {name: ALONG[name] for name in x}
+    slope = dot(gradient, along)
+    np.testing.assert_allclose(jax.jvp(over_all, (x,), (along,))[1], slope, rtol=1e-10)
+    np.testing.assert_allclose(richardson(lambda h: over_all(moved(x, h))), slope, rtol=1e-7)
+    sparse.forget()
+
+
 @pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
 def test_where_there_is_none(sparse_only: None) -> None:
     """At rest nothing resists shear, which is an error; what failed has derivatives 0 and a status, or raises."""
@@ -171,6 +212,21 @@ def test_where_there_is_none(sparse_only: None) -> None:
         assert slopes == (0.0, 0.0)
         with pytest.raises(jm.SolveError, match="INVALID_INPUT"):
             jax.grad(lambda T0: corner(T0, 0.5, throw=True)[0])(T0)
+
+
+@pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+def test_next_to_where_there_is_none(sparse_only: None) -> None:
+    """Rest is found singular after a state close by, whose factors are not; and next to rest nothing is made up."""
+    passive = jm.Scene(MESH, jm.lin_yin, jm.TABLE1, supports=SCENE.supports)
+
+    def corner(beta: Any) -> Any:
+        return jm.contract(passive, T0=1.0, a_over_D=None, beta=beta).u[4, 1]
+
+    assert abs(jax.grad(corner)(1e-3) - 1.0) < 0.1
+    with pytest.raises(SingularError, match="no derivative: its tangent has 1 mode"):
+        jax.grad(corner)(0.0)
+    with pytest.raises(SingularError, match=r"no derivative that could be found: .* all but singular"):
+        jax.grad(corner)(1e-9)
 
 
 @pytest.mark.slow

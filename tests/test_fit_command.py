@@ -67,6 +67,7 @@ def test_values_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         (["{file}", "--free", "C9p"], "free = 'C9p' is unknown; valid: 'C1p'"),
         (["{file}", "--fix", "C9p"], "'C9p' is unknown; valid: 'C1p'"),
         (["{file}", "--free", "C1p=high"], "'C1p=high' is not NAME or NAME=NUMBER"),
+        (["{file}", "--starts", "0"], "starts = 0 must be an integer ≥ 1"),
         (["{file}", "--T0", "-1"], "T0 = -1 is outside [0, inf]"),
     ],
 )
@@ -78,3 +79,21 @@ def test_what_is_refused(
     captured = capsys.readouterr()
     assert message in captured.err
     assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["lin-yin", "--free", "C1p"],
+        ["lin-yin", "--starts", "5"],
+        ["table1", "--T0", "1"],
+        ["table1", "--law", "guccione"],
+    ],
+)
+def test_the_cases_of_the_paper_are_fitted_as_they_stand(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        cli.main(["fit", *arguments])
+    assert exit_.value.code == 2
+    assert f"{arguments[1]} is for a file of data; {arguments[0]} is fitted as it stands" in capsys.readouterr().err

@@ -170,6 +170,8 @@ def test_a_parameter_that_runs_to_its_bound() -> None:
     assert 0.0 <= a.value < 1e-8
     assert (a.low, a.identifiable) == (0.0, False)
     assert 0.0 < a.high < 0.2  # of the profile
+    part = (found.profile("a", [a.high]) ** 2 - found.rms**2) / (found.profile_limit**2 - found.rms**2)
+    np.testing.assert_allclose(np.sqrt(part), 1.0, atol=0.021)
 
 
 def test_states_that_are_not_found() -> None:
@@ -186,6 +188,17 @@ def test_states_that_are_not_found() -> None:
         fitting.fit(Problem(partial, p.observed, (Parameter("a", 5.0), Parameter("b", -1.0)), ("a", "b")))
     out = fitting.log_likelihood(Problem(partial, p.observed, parameters, ("a", "b")), {"a": 4.0}, 1.0)
     assert out == -jnp.inf
+    held = Problem(
+        lambda v: line(v) + np.where(T < 1.05, 0.0, np.nan),
+        p.observed,
+        p.parameters,
+        p.free,
+        groups=("a",) * 11 + ("b",) * 10,
+    )
+    found = fitting.fit(held.without("b"))
+    with pytest.raises(SolveError, match="protocol 'b': 10 of 10 predictions were not found"):
+        found.rms_of("b")
+    assert json.loads(json.dumps(found.as_json(), allow_nan=False))["rms_of"] == {"a": found.rms_of("a"), "b": None}
 
 
 def test_descent_by_optax() -> None:
@@ -240,7 +253,7 @@ def test_units_that_cannot_be() -> None:
         (lambda p: fitting.fit(p, loss="square"), "loss = 'square' is unknown; valid: 'linear', 'soft_l1'"),
         (lambda p: fitting.fit(p, loss=Loss("huber", -1.0)), "scale = -1.0 must be positive"),
         (lambda p: fitting.fit(p, level=95.0), r"level = 95.0 is outside \(0, 1\)"),
-        (lambda p: fitting.fit(p, starts=0), "starts = .*must be 1 integers ≥ 1"),
+        (lambda p: fitting.fit(p, starts=0), "starts = 0 must be an integer ≥ 1"),
         (lambda p: fitting.held_out(p), "needs two protocols"),
     ],
 )

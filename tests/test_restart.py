@@ -213,7 +213,7 @@ def test_another_version(A: jm.State, scene: jm.Scene, tmp_path: Path, monkeypat
     monkeypatch.setattr(restart, "VERSION", 99)
     jm.save_state(path, A)
     monkeypatch.undo()
-    with pytest.raises(ValueError, match=r"state.npz is of format version 99; this jaxmyo reads 2"):
+    with pytest.raises(ValueError, match=r"state.npz is of format version 99; this jaxmyo reads 3"):
         jm.load_state(path, scene)
 
 
@@ -223,7 +223,7 @@ def test_the_file_is_plain(C: jm.State, tmp_path: Path) -> None:
         np.testing.assert_array_equal(file["inputs.T_f"], C.inputs.T_f)
         header = json.loads(file["header"].tobytes())
         assert not any(name.startswith("system.columns") for name in file.files)
-    assert (header["format"], header["version"]) == ("jaxmyo state", 2)
+    assert (header["format"], header["version"]) == ("jaxmyo state", 3)
     pressure = header["state"]["dict"]["conditions"]["tuple"][0]["Pressure"]
     assert pressure == {"face": "inner", "value": 4.0, "ends": "open"}
 

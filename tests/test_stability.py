@@ -75,6 +75,19 @@ def test_an_unstable_state_is_still_an_equilibrium() -> None:
     np.testing.assert_allclose(np.asarray(state.cauchy), 0.0, atol=1e-9)
 
 
+def test_when_stability_was_lost() -> None:
+    """To 0.01 of the load, and the message says so; at β = 0.1 the first mode has gone."""
+    whole, part = contracted(35.0, 0.2, 1.0), contracted(35.0, 0.2, 0.1)
+    beta = 0.1 * float(part.stable_until)
+    assert 0.01 < beta < 0.1
+    np.testing.assert_allclose(float(whole.stable_until), beta, atol=0.011)
+    assert whole.message.endswith(f"; unstable: 2 modes, after {100.0 * float(whole.stable_until):.3g} % of the load)")
+    assert part.message.endswith(f"; unstable: 1 mode, after {100.0 * float(part.stable_until):.3g} % of the load)")
+    for stable in (contracted(5.0, 0.2, 1.0), contracted(35.0, 0.2, 0.01)):
+        assert float(stable.stable_until) == 1.0
+        assert "unstable" not in stable.message
+
+
 def test_rest_without_shear_stiffness_reports_every_zero_eigenvalue() -> None:
     state = contracted(35.0, 0.2, 0.0)
     assert int(state.negative_eigenvalues) == 0

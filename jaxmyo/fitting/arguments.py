@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 LAWS = ("lin-yin", "guccione")
-#: What can be fitted by a name instead of a file.
-CASES = ("lin-yin", "table1")
+#: What can be fitted by a name instead of a file, and the options that it has; all others are for files.
+CASES: dict[str, tuple[str, ...]] = {"lin-yin": (), "table1": ("starts", "seed")}
 
 
 def add(commands: Any) -> None:
@@ -33,10 +33,15 @@ def add(commands: Any) -> None:
     fit.add_argument("--loss-scale", type=float, default=1.0, metavar="KPA", help="of a robust loss")
     fit.add_argument("--out", type=Path, default=Path("fit-out"), metavar="DIR", help="default: %(default)s")
     fit.add_argument("--json", action="store_true", help="one JSON object on stdout instead of the table")
-    fit.set_defaults(run=_run)
 
+    def run(options: argparse.Namespace, started: float) -> int:
+        own = CASES.get(options.data, tuple(vars(options)))
+        for name, value in vars(options).items():
+            if name not in (*own, "data", "out", "json") and value != fit.get_default(name):
+                option = "--" + name.replace("_", "-")
+                fit.error(f"{option} is for a file of data; {options.data} is fitted as it stands")
+        from jaxmyo.fitting import command
 
-def _run(options: argparse.Namespace, started: float) -> int:
-    from jaxmyo.fitting import command
+        return command.run(options, started)
 
-    return command.run(options, started)
+    fit.set_defaults(run=run)

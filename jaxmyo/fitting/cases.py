@@ -60,7 +60,7 @@ def of_file(options: argparse.Namespace) -> Report:
     problem = problem.fitting(*(n for n in problem.free if n not in fix))  # of one protocol
     found = fit(
         problem,
-        starts=options.starts or 1,
+        starts=1 if options.starts is None else options.starts,
         seed=options.seed,
         loss=Loss(options.loss, options.loss_scale),
         profiles=True,
@@ -100,7 +100,7 @@ def lin_yin(options: argparse.Namespace) -> Report:
 
 def table1(options: argparse.Namespace) -> Report:
     """Which constants Table 1 was computed with: all 8 from its 40 entries."""
-    starts = options.starts or TABLE1_STARTS
+    starts = TABLE1_STARTS if options.starts is None else options.starts
     found = fit(table1_problem(), starts=starts, seed=options.seed, max_steps=TABLE1_STEPS)
     intervals, allowed = rounding_intervals(found)
     largest = float(np.abs(found.residuals).max())

@@ -74,9 +74,14 @@ class Fit:
         return _rms(self.residuals, self.problem.weight)
 
     def rms_of(self, group: str) -> float:
-        """The same for the observations of one protocol, also one that was held out."""
+        """The same for the observations of one protocol, also one that was held out.
+
+        SolveError where a state of it was not found, as may happen to one that was held out.
+        """
         checks.choice("protocol", group, list(dict.fromkeys(self.problem.groups)))
         mine = np.array(self.problem.groups) == group
+        if missed := int((~np.isfinite(self.residuals[mine])).sum()):
+            raise SolveError(f"protocol {group!r}: {missed} of {mine.sum()} predictions were not found", self.found)
         weight = np.asarray(self.problem.weight)[mine]
         return _rms(self.residuals[mine], weight if weight.any() else np.ones_like(weight))
 
@@ -155,6 +160,7 @@ class Fit:
         """Everything needed to repeat it; starts with {"estimates": ..., "rms": x, "identifiable": ...}."""
         p = self.problem
         packages = ("jaxmyo", "jax", "jaxlib", "numpy", "scipy", "optimistix")
+        off, groups = self.residuals, np.array(p.groups)
         return {
             "estimates": {n: {"value": e.value, "low": e.low, "high": e.high} for n, e in self.estimates.items()},
             "rms": self.rms,
@@ -168,14 +174,16 @@ class Fit:
             "fixed": {q.name: q.value for q in p.parameters if q.name not in p.free},
             "start": {q.name: q.value for q in p.fitted},
             "bounds": {q.name: [b if np.isfinite(b) else None for b in (q.low, q.high)] for q in p.fitted},
-            "rms_of": {g: self.rms_of(g) for g in dict.fromkeys(p.groups)},
+            "rms_of": {
+                g: None if np.isnan(off[g == groups]).any() else self.rms_of(g) for g in dict.fromkeys(p.groups)
+            },
             "aic": self.aic,
             "bic": self.bic,
             "log_likelihood": self.log_likelihood,
             "loss": self.loss._asdict(),
             "starts": {"n": len(self.starts.sum), "reached": self.reached, "seed": self.seed, "spread": self.spread},
             "observed": p.observed.tolist(),
-            "predicted": np.asarray(self.found.predicted).tolist(),
+            "predicted": [float(v) if np.isfinite(v) else None for v in self.found.predicted],
             "weight": np.asarray(p.weight).tolist(),
             **dict(p.about or {}),
             "versions": {name: version(name) for name in packages},
@@ -203,7 +211,8 @@ def fit(
     Errors: SolveError if no start ends with every state found; ValueError for values out of range. A UserWarning if
     the fit is the best that was found but no minimum, and if the observations are far from any prediction in size.
     """
-    (starts,) = checks.counts("starts", (starts,), 1)
+    if int(starts) != starts or starts < 1:
+        raise ValueError(f"starts = {starts} must be an integer ≥ 1")
     chosen = check_loss(Loss(loss) if isinstance(loss, str) else loss)
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level} is outside (0, 1) (–, of the confidence intervals)")

@@ -126,27 +126,35 @@ def intervals(
 
 
 def _crossing(problem: Problem, found: Found, loss: Loss, i: int, far: float, limit: float) -> float:
-    """The value between the estimate and a rejected x where the profile is at the limit, to a few percent of the way.
+    """The value between the estimate and a rejected x where the profile is at the limit, to 2 % of it in √(S − S0).
 
-    By secants of √(S − S0), a straight line where the profile is a parabola.
+    By regula falsi (Illinois) for √(S − S0) by the value, a straight line where the profile is a parabola; by x, what
+    came to a bound is far away. Each fit starts from the last one that was not rejected.
     """
-    least = float(found.sum)
-    near, below = float(found.x[i]), 0.0
-    goal = np.sqrt(limit - least)
-    above = np.sqrt(float(profiled(problem, found, loss, i, far).sum) - least)
-    x = far
-    for _ in range(6):
-        x = near + (far - near) * float(np.clip((goal - below) / (above - below), 0.05, 0.95))
-        height = np.sqrt(max(float(profiled(problem, found, loss, i, x).sum) - least, 0.0))
-        if abs(height - goal) < 0.02 * goal:
-            break
-        if height < goal:
-            near, below = x, height
+    least, near = float(found.sum), found
+    goal = float(np.sqrt(limit - least))
+
+    def height(fitted: Found) -> float:
+        return float(np.sqrt(max(float(fitted.sum) - least, 0.0))) - goal
+
+    end = np.array(found.x)
+    end[i] = far
+    inner, outer = (float(values_of(problem, x)[i]) for x in (found.x, end))
+    below, above, last = -goal, height(profiled(problem, found, loss, i, far)), 0.0
+    for _ in range(40):
+        value = inner + (outer - inner) * float(np.clip(below / (below - above), 0.05, 0.95))
+        fitted = profiled(problem, near, loss, i, problem.fitted[i].x(value))
+        off = height(fitted)
+        if abs(off) < 0.02 * goal:
+            return value
+        if off < 0.0:
+            inner, below, near = value, off, fitted
+            above *= 0.5 if last < 0.0 else 1.0
         else:
-            far, above = x, height
-    at = np.array(found.x)
-    at[i] = x
-    return float(values_of(problem, at)[i])
+            outer, above = value, off
+            below *= 0.5 if last > 0.0 else 1.0
+        last = off
+    return outer  # which the data reject
 
 
 def _x_inside(p: Any, value: float) -> float:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import conditions, patches
+from jaxmyo import checks, conditions, patches
 from jaxmyo.constants import TABLE1
 from jaxmyo.invariants import I1, I4
 from jaxmyo.mesh import box
@@ -37,8 +37,7 @@ class Body:
 
     models: name → scene of some dials; the first is the body's own; solve: of a scene, T0 [kPa] or another number that
     drives it, and settings; drive: that number; read: outputs (k,) of the scene and its states; outputs: their names
-    and units, the first is what the front is drawn for; exact: their values, None where only finer meshes tell; order:
-    of convergence in h that an extrapolation may use.
+    and units, the first is what the front is drawn for; exact: their values, None where only finer meshes tell.
     """
 
     name: str
@@ -104,9 +103,8 @@ def _solve_tube(scene: Scene, T0: Any, settings: Settings, pressure: float = _PR
 
 def _loaded(A: State, *given: Any, settings: Settings) -> State:
     """State C of an A that converged, or A itself, whose status says what happened."""
-    from jaxmyo.checks import is_traced
-
-    return load(A, *given, settings=settings, throw=False) if is_traced(A.status) or bool(A.converged) else A
+    follows = checks.is_traced(A.status) or bool(A.converged)
+    return load(A, *given, settings=settings, throw=False) if follows else A
 
 
 def _read_tube(scene: Scene, states: Pair) -> Array:

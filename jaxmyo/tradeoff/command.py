@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmyo import checks
-from jaxmyo.tradeoff import output, report
+from jaxmyo.tradeoff import extremes, output, report
 from jaxmyo.tradeoff.bodies import BODIES
 from jaxmyo.tradeoff.front import write
 from jaxmyo.tradeoff.store import Store
@@ -31,11 +31,12 @@ def run(options: argparse.Namespace, started: float) -> int:
         _say(f"{len(BODIES)} bodies; every program is compiled anew in a process of its own, which takes a while.")
         for name in BODIES:
             found.append(trade(name, options.quick, store, _say))
+        singles = [] if options.quick else extremes.rows(extremes.measured(out / "extremes.json", made, _say))
         files = [output.write_table(out / "tradeoff.csv", found)]
         pictures = {t.body.name: figures.draw(out / f"front_{t.body.name}.png", t) for t in found}
         files += pictures.values()
         files.append(write(out / "front.json", fronts(found), made))
-        files.append(report.write(out / "report.md", found, pictures, made))
+        files.append(report.write(out / "report.md", found, pictures, made, singles))
     except ModuleNotFoundError as error:
         _say(str(checks.missing(error, "jaxmyo tradeoff needs", "'jaxmyo[paper]'")))
         return 1
@@ -64,7 +65,7 @@ def fronts(found: list[Trade]) -> dict[str, dict[str, Any]]:
             "truth": t.truth.outputs[0],
             "doubt": t.truth.doubt[0],
             "truth_is": t.truth.source,
-            "settings": [t.data(p) for p in t.front],
+            "settings": [t.data(p) for p in t.settings],
         }
         for t in found
     }

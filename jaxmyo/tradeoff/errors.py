@@ -15,6 +15,9 @@ import numpy as np
 from jaxmyo.tradeoff.dials import Dials
 from jaxmyo.tradeoff.measure import Point
 
+#: Relative errors below this are round-off: they tell nothing of a setting [–].
+ROUND_OFF = 1e-13
+
 SOURCES = ("discretisation", "quadrature", "algebra", "precision")
 
 
@@ -35,7 +38,7 @@ def relative(outputs: Sequence[float], true: Sequence[float]) -> tuple[float, ..
 def error(point: Point, truth: Truth, output: int = 0) -> float:
     """The relative error [–] of an output, not below round-off."""
     assert point.outputs is not None
-    return max(relative(point.outputs, truth.outputs)[output], 1e-16)
+    return max(relative(point.outputs, truth.outputs)[output], ROUND_OFF)
 
 
 def counted(point: Point, points: Sequence[Point], truth: Truth, output: int = 0) -> float:
@@ -50,7 +53,7 @@ def counted(point: Point, points: Sequence[Point], truth: Truth, output: int = 0
     if plain is None or plain.outputs is None or point.outputs is None:
         return own
     off = abs(point.outputs[output] - plain.outputs[output]) / abs(truth.outputs[output])
-    return max(own, error(plain, truth, output) + off)
+    return max(own, error(plain, truth, output) + off) if off > ROUND_OFF else own
 
 
 def neville(values: Sequence[Sequence[float]], h: Sequence[float], order: float = 2.0) -> tuple[float, ...]:

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from matplotlib.ticker import NullFormatter
+
 from jaxmyo.paper import style
 from jaxmyo.tradeoff.errors import SOURCES
 from jaxmyo.tradeoff.measure import Point
@@ -38,10 +40,10 @@ def _front(ax: Any, trade: Trade) -> None:
         place = {"xy": (p.cpu_seconds, trade.error(p)), "xytext": (4, 4), "textcoords": "offset points"}
         ax.annotate(_name(p), fontsize=7, **place)
     ax.plot([trade.base.cpu_seconds], [trade.error(trade.base)], "k+", ms=12, label="base")
-    name, unit = trade.body.outputs[0]
+    name, _ = trade.body.outputs[0]
     ax.set(xscale="log", yscale="log", xlabel="warm solve [CPU s]", ylabel=f"relative error of the {name} [–]")
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(frameon=False, fontsize=8)
-    del unit
 
 
 def _name(point: Point) -> str:
@@ -70,5 +72,8 @@ def _sources(ax: Any, trade: Trade) -> None:
             label = labels.get(source, source)
             ax.plot(n, [by_mesh[k] for k in n], marker=marker, color=colour, lw=1.2, ms=5, label=label)
     ax.set(xscale="log", yscale="log", xlabel="elements along the refined direction", ylabel="part of the error [–]")
+    meshes = sorted({n for by_mesh in found.values() for n in by_mesh})
+    ax.set_xticks(meshes, labels=list(map(str, meshes)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, fontsize=8)

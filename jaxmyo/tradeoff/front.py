@@ -29,10 +29,18 @@ def pareto(seconds: ArrayLike, errors: ArrayLike) -> list[int]:
     return front
 
 
+#: A setting must be so much more exact than the one before it on the front [–]: less is not worth another setting.
+STEP = 1.1
+
+
 def front(points: Sequence[Point], error: Callable[[Point], float]) -> list[Point]:
-    """The points on the front of (CPU seconds of a warm solve, error)."""
+    """The points on the front of (CPU seconds of a warm solve, error), without those that are hardly more exact."""
     good = [p for p in points if p.converged]
-    return [good[k] for k in pareto([p.cpu_seconds for p in good], [error(p) for p in good])]
+    found: list[Point] = []
+    for k in pareto([p.cpu_seconds for p in good], [error(p) for p in good]):
+        if not found or error(good[k]) * STEP < error(found[-1]):
+            found.append(good[k])
+    return found
 
 
 def behind(point: Point, on_front: Sequence[Point], error: Callable[[Point], float]) -> float:

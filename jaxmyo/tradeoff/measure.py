@@ -11,7 +11,7 @@ from typing import Any
 from jaxmyo.tradeoff.dials import Dials
 
 #: Seconds after which a process is given up.
-PATIENCE = 900.0
+PATIENCE = 1800.0
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,8 @@ def described(point: Point) -> str:
     """A setting in words: meshes, quadrature, precision, tolerance, and what is unusual."""
     d = point.dials
     meshes = " + ".join(str(d.elements // 2**k) for k in reversed(range(d.extrapolated)))
-    words = [f"{meshes} elements{', extrapolated' if d.extrapolated > 1 else ''}", f"tolerance {d.tolerance:.0e}"]
+    unit = "element" if meshes == "1" else "elements, extrapolated" if d.extrapolated > 1 else "elements"
+    words = [f"{meshes} {unit}", f"tolerance {d.tolerance:.0e}"]
     usual = type(d)()
     for name, value in d.changed(usual).items():
         if name not in ("elements", "extrapolated", "tolerance"):

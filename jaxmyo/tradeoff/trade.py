@@ -36,9 +36,21 @@ class Trade:
     @cached_property
     def front(self) -> list[Point]:
         """From the cheapest to the most exact, among the settings that a solve has arguments for."""
+        return front(self._asked_for, self.error)
+
+    @cached_property
+    def plain_front(self) -> list[Point]:
+        """The same, of even meshes with two Gauss points, in float64 by the usual path: what suits every body."""
+        usual = Dials()
+        kept = ("grading", "quadrature", "precision", "path_tolerance", "move", "steps")
+        some = [p for p in self._asked_for if all(getattr(p.dials, k) == getattr(usual, k) for k in kept)]
+        return front(some, self.error)
+
+    @property
+    def _asked_for(self) -> list[Point]:
         plain = [p for p in self.every if not (p.dials.solver or p.dials.inner or p.dials.tangent == "new")]
-        usual = [p for p in plain if not p.dials.model and not p.dials.patches and p.dials.compiler == "quick"]
-        return front(usual, self.error)
+        compiler = self.base.dials.compiler
+        return [p for p in plain if not p.dials.model and not p.dials.patches and p.dials.compiler == compiler]
 
     def error(self, point: Point, output: int = 0) -> float:
         """Relative error of an output [–], without the luck of parts that cancel."""
@@ -46,7 +58,15 @@ class Trade:
 
     def data(self, point: Point) -> dict[str, Any]:
         """A point for `datasets/front.json`."""
-        return as_data(point, [self.error(point, k) for k in range(len(self.body.outputs))])
+        errors_of = [self.error(point, k) for k in range(len(self.body.outputs))]
+        fronts = {"on_front": self.front, "on_plain_front": self.plain_front}
+        return as_data(point, errors_of) | {name: any(p is point for p in f) for name, f in fronts.items()}
+
+    @property
+    def settings(self) -> list[Point]:
+        """The points of both fronts, from the cheapest on."""
+        both = {p.dials: p for p in (*self.front, *self.plain_front)}
+        return sorted(both.values(), key=lambda p: p.cpu_seconds)
 
     def split(self, point: Point) -> dict[str, float | None]:
         """The error by source."""
@@ -89,13 +109,13 @@ def _truth(body: Body, name: str, base: Dials, points: Sequence[Point], quick: b
 
 
 def effects(found: Trade) -> list[Effect]:
-    """Every setting that differs from the base in one dial, or is the base extrapolated."""
+    """Every setting that differs from the base in one dial, or in the model and its mesh, or is extrapolated."""
     base, on_front = found.base, found.front
     usual = found.error(base)
     result = []
     for point in found.every:
         changes = point.dials.changed(base.dials)
-        if len(changes) != 1:
+        if len(changes) != 1 and set(changes) != {"model", "elements"}:
             continue
         own = found.error(point)
         ratios = own / usual, point.cpu_seconds / base.cpu_seconds, point.memory_MB / base.memory_MB
