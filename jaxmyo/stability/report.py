@@ -16,7 +16,7 @@ from jaxmyo.status import Status
 
 CAPTIONS = {
     "inf_sup": "The inf-sup constants. Bold: the patches that keep it.",
-    "checkerboards": "p and q of one sheet. The colours end where those of the three columns to the right do.",
+    "checkerboards": "p and q of one sheet. The colours end where those of the columns to the right do.",
     "roughness": "What alternates between neighbouring patches.",
     "maps": "Maps of the extremes: the status at each point.",
 }
