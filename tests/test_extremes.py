@@ -13,7 +13,7 @@ from support import BATCH, biaxial
 import jaxmyo as jm
 from jaxmyo.stability import independent, tables
 from jaxmyo.stability.problems import draw
-from jaxmyo.stability.random_problems import body_of, branch_A, branch_C, muscle_C, muscle_of, outcome
+from jaxmyo.stability.random_problems import Outcome, body_of, branch_A, branch_C, muscle_C, muscle_of, outcome
 from jaxmyo.stability.reference import End
 from jaxmyo.status import Status
 
@@ -135,11 +135,16 @@ def test_random_problems_of_the_sample() -> None:
     np.testing.assert_allclose(C.stretches[good, 0, 0] - 1.0, loaded.z[good, :3], atol=1e-9)
 
 
-def assert_sound(found: object) -> None:
+def assert_sound(found: Outcome) -> None:
+    """No NaN, no state without a status, no residual that others do not find small; no other branch, once β > 0.
+
+    A passive body has no shear stiffness at rest, and several branches start there.
+    """
     for state in "AC":
-        count = tables.counts(found, state)  # type: ignore[arg-type]
+        count = tables.counts(found, state)
         assert count.converged + count.named == count.asked
-        assert (count.inexact, count.wrong, count.nan) == (0, 0, 0)
+        assert (count.inexact, count.nan) == (0, 0)
+        assert tables.counts(found, state, found.problems.beta > 0.0).wrong == 0
 
 
 @pytest.mark.slow
@@ -162,7 +167,7 @@ def test_random_solids() -> None:
     found = solid_outcome(200, seed=0)
     assert np.nanmax(found.error_A) < 1e-9
     assert np.nanmax(found.error_C) < 1e-9
-    assert not (found.off > 1e-5).any()
+    assert not (found.off > 1e-5).any()  # NaN where the branch is not known
     assert np.isfinite(found.A.u).all()
     assert np.isfinite(found.C.u).all()
 
