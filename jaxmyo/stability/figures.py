@@ -32,7 +32,7 @@ def inf_sup(path: Path, rows: Sequence[Row]) -> Path:
         ticks = sorted({row.n for row in rows if row.body == body})
         ax.set_xticks(ticks, [str(n) for n in ticks])
         ax.minorticks_off()
-    axes[0].legend(fontsize=6.5, loc="lower left")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     return style.save(figure, path)
 
 
