@@ -25,7 +25,7 @@ from jaxmyo.status import Status
 LENGTH, TURN = 10.0, 60.0  # mm, degrees
 T0, A_OVER_D = 2.0, 0.2  # kPa, –
 #: Cells along an edge over whose means fields on different meshes are compared.
-CELLS = 12
+CELLS = 8
 
 Patches = NDArray[np.int64] | None
 
@@ -119,7 +119,7 @@ def measure(quick: bool, done: Callable[[str], None]) -> list[Sheet]:
     """The sheets of all kinds; done: is told each."""
     found = []
     for kind in KINDS:
-        for n in (24,) if quick else (12, 24, 48):
+        for n in (24,) if quick else (16, 32, 64):
             found.append(sheet(kind, n))
             done(f"sheet with {kind}, {n} × {n} elements")
     return found
