@@ -140,7 +140,9 @@ def converge(
 
 def first_setting(accuracy: float, like: str, max_elements: int) -> tuple[int, int, Settings]:
     """The coarsest and the finest mesh to begin with, and settings: the cheapest of the front that are exact enough."""
-    usual = {"grading": 1.0, "quadrature": 2, "precision": "float64", "steps": 0}  # what every attempt can do
+    # What every attempt can do, on a path that no body leaves: those of looser paths are of the bodies of the front.
+    usual = {"grading": 1.0, "quadrature": 2, "precision": "float64", "steps": 0}
+    usual |= {name: getattr(Settings(), name) for name in ("path_tolerance", "move")}
     front = [
         s for s in _fronts()[like]["settings"] if all(s.get(name, value) == value for name, value in usual.items())
     ]
@@ -151,8 +153,7 @@ def first_setting(accuracy: float, like: str, max_elements: int) -> tuple[int, i
     n = min(n, 1 << (max_elements.bit_length() - 1))
     coarsest = max(1, n >> (meshes - 1))
     tolerance = max(Settings().tolerance, min(best["tolerance"], _ALGEBRA * accuracy / _STRAIN_PER_TOLERANCE))
-    kept = {name: best[name] for name in ("path_tolerance", "move")}
-    return coarsest, n, Settings(tolerance=tolerance, **kept)
+    return coarsest, n, Settings(tolerance=tolerance)
 
 
 def extrapolate(values: list[float]) -> tuple[float, float, float | None, bool]:

@@ -28,9 +28,9 @@ MEANING = {
         "a_over_D in [0, 1/4], stretches in (0.2, 5), weave_stiffness > 0 kPa, and that constants and loads are finite"
     ),
     Status.NO_DESCENT: (
-        "no correction shrank the residual, however small the load step: every trial inverted an element, overflowed "
-        "the energy (exp Q exceeds float64 at large strain), or led away from equilibrium; try a smaller load, or "
-        "prescribe a displacement instead of a traction"
+        "no correction shrank the residual, however small the load step: every trial inverted an element, closed a "
+        "hole, overflowed the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. Try a "
+        "smaller load, or prescribe a displacement instead of a traction"
     ),
     Status.TOO_MANY_ITERATIONS: (
         "Newton's iterations ran out at the smallest load step. The state may be close to a bifurcation; try a smaller "

@@ -21,7 +21,10 @@ def cube(n: int) -> tuple[jm.Mesh, InfSup]:
     return scene.mesh, InfSup.of(scene)
 
 
-@pytest.mark.parametrize(("n", "both", "p"), [(2, 0.245, 0.85), (4, 0.049, 0.35), (6, 0.026, 0.18), (8, 0.019, 0.11)])
+@pytest.mark.parametrize(
+    ("n", "both", "p"),
+    [(2, 0.245, 0.85), (4, 0.049, 0.35), (6, 0.026, 0.18), pytest.param(8, 0.019, 0.11, marks=pytest.mark.slow)],
+)
 def test_of_one_multiplier_per_element_it_falls(n: int, both: float, p: float) -> None:
     mesh, test = cube(n)
     own = np.arange(len(mesh.cells))
@@ -40,7 +43,7 @@ def test_of_a_slab() -> None:
 def test_p_on_blocks_is_bounded_q_needs_patches_that_do_not_shrink() -> None:
     """A q that varies along the normal only is felt by no displacement: see `jaxmyo.stability.inf_sup_cases`."""
     p, both, fixed, one = [], [], [], []
-    for n in (4, 6, 8):
+    for n in (4, 6):
         mesh, test = cube(n)
         block = jm.blocks(mesh)
         p.append(test.constant(block, None).beta)
@@ -50,7 +53,7 @@ def test_p_on_blocks_is_bounded_q_needs_patches_that_do_not_shrink() -> None:
     assert min(p) > 0.8
     assert min(fixed) > 0.3
     assert min(one) > 0.8
-    assert both[0] > 1.8 * both[1] > 2.4 * both[2]
+    assert both[0] > 1.8 * both[1]
 
 
 def test_zero_modes_are_counted_apart() -> None:
@@ -100,3 +103,18 @@ def test_by_the_definition() -> None:
     own = np.arange(8)
     assert w.tolist() == [1.0, 1.0]
     assert InfSup.of(scene).constant(own, own).beta == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_cure_under_refinement() -> None:
+    """p on blocks of 2×2×2 elements, q on eighths of the body or one q: bounded below from n = 2 to 12."""
+    of_eighths, of_one, of_blocks = [], [], []
+    for n in (2, 4, 6, 8, 10, 12):
+        mesh, test = cube(n)
+        block = jm.blocks(mesh)
+        of_eighths.append(test.constant(block, jm.blocks(mesh, n // 2)).beta)
+        of_one.append(test.constant(block, np.zeros_like(block)).beta)
+        of_blocks.append(test.constant(block, block).beta)
+    assert min(of_eighths) > 0.24
+    assert min(of_one) > 0.77
+    assert of_blocks[-1] < 0.09

@@ -14,7 +14,7 @@ from jaxmyo.stability.maps import Map
 from jaxmyo.status import Status
 
 #: A colour for each status: what converges is green, and the rest are as far apart as may be.
-COLOURS = ["#7fbf7b", "#404040", "#d73027", "#fdae61", "#4575b4", "#984ea3", "#a65628", "#f781bf", "#ffd92f"]
+COLOURS = ["#7fbf7b", "#404040", "#d73027", "#fdae61", "#4575b4", "#984ea3", "#a65628", "#f781bf", "#ffd92f", "#17becf"]
 
 
 def inf_sup(path: Path, rows: Sequence[Row]) -> Path:
@@ -32,7 +32,7 @@ def inf_sup(path: Path, rows: Sequence[Row]) -> Path:
         ticks = sorted({row.n for row in rows if row.body == body})
         ax.set_xticks(ticks, [str(n) for n in ticks])
         ax.minorticks_off()
-    axes[0].legend(fontsize=6.5, loc="lower left")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     return style.save(figure, path)
 
 
@@ -77,7 +77,7 @@ def status_maps(path: Path, maps: Sequence[Map]) -> Path:
     colours, norm = ListedColormap(COLOURS), BoundaryNorm(np.arange(-0.5, len(COLOURS)), len(COLOURS))
     seen = sorted({int(s) for m in maps for s in np.unique(m.status)})
     for ax, one in zip(axes, maps, strict=False):
-        ax.pcolormesh(one.x.values, one.y.values, np.clip(one.status, 0, len(COLOURS) - 1).T, cmap=colours, norm=norm)
+        ax.pcolormesh(one.x.values, one.y.values, one.status.T, cmap=colours, norm=norm)
         for axis, scale in ((one.x, ax.set_xscale), (one.y, ax.set_yscale)):
             if axis.log:
                 scale("log")
@@ -88,7 +88,7 @@ def status_maps(path: Path, maps: Sequence[Map]) -> Path:
     for ax in axes[len(maps) :]:
         ax.axis("off")
     figure.legend(
-        handles=[Patch(color=COLOURS[min(s, len(COLOURS) - 1)], label=Status(s).name) for s in seen],
+        handles=[Patch(color=COLOURS[s], label=Status(s).name) for s in seen],
         loc="outside lower center",
         ncols=min(len(seen), 5),
     )
