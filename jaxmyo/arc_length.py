@@ -264,13 +264,13 @@ class _Branch:
         self.bifurcations: list[_Found] = []
         self.rejected = 0
 
-    def correct(self, z: Any, load: float, a: Any, c: float) -> _Found:
+    def correct(self, z: Any, load: float, a: Any, c: float, iterations: int | None = None) -> _Found:
         as_own = jnp.asarray if self.path.system.is_small else np.asarray
         plane = _Plane(as_own(z), as_own(load, dtype=float), as_own(a), as_own(c, dtype=float))
         tolerance = as_own(self.settings.tolerance, dtype=float)
         run = _correct_dense if self.path.system.is_small else _correct
         ends = self.path.begin, self.path.end
-        return run(self.lin, plane, *ends, tolerance, max_iterations=self.settings.max_iterations)
+        return run(self.lin, plane, *ends, tolerance, max_iterations=iterations or self.settings.max_iterations)
 
     def at_fixed_load(self, z: Any, load: float) -> _Found:
         return self.correct(z, load, np.zeros(self.path.system.size), 1.0)

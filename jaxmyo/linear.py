@@ -117,6 +117,32 @@ def strain_rate(system: System, z: Array, inputs: Inputs, rate: Array, by_t: Inp
     return jnp.sqrt(jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight))
 
 
+# Batches of LAPACK's calls go one after the other. A batched call of jaxlib 0.10 hands its matrices to XLA's threads,
+# and waits for them in one of these threads: as many such calls at a time as there are threads, in one program or in
+# several, wait for ever. One after the other they take no more processor time.
+
+
+@jax.custom_batching.sequential_vmap
+def _lu(K: Array) -> tuple[Array, Array, Array]:
+    """LU factors (n, n) in one matrix, pivots and permutation (n,)."""
+    lu, pivots, permutation = jax.lax.linalg.lu(K)
+    return lu, pivots, permutation
+
+
+@jax.custom_batching.sequential_vmap
+def _back(lu: Array, b: Array) -> Array:
+    """The solution x (n,) of L U x = b."""
+    triangular = partial(jax.lax.linalg.triangular_solve, lu, left_side=True)
+    return triangular(triangular(b[:, None], lower=True, unit_diagonal=True), lower=False)[:, 0]
+
+
+@jax.custom_batching.sequential_vmap
+def _tridiagonal(A: Array) -> tuple[Array, Array]:
+    """The diagonal (n,) and the one beside it (n − 1,) of a matrix similar to a symmetric one."""
+    _, diagonal, beside, _ = jax.lax.linalg.tridiagonal(A)
+    return diagonal, beside
+
+
 class Factors(NamedTuple):
     """LU factors of K + μ·metric, and the sign of its determinant, ±1 (or 0).
 
@@ -130,15 +156,13 @@ class Factors(NamedTuple):
     @classmethod
     def of(cls, K: Array) -> "Factors":
         """By LAPACK or its like."""
-        lu, pivots, permutation = jax.lax.linalg.lu(K)
+        lu, pivots, permutation = _lu(K)
         swaps = jnp.sum(pivots != jnp.arange(len(K), dtype=pivots.dtype))
         return cls(lu, permutation, jnp.prod(jnp.sign(jnp.diagonal(lu))) * jnp.where(swaps % 2 == 0, 1.0, -1.0))
 
     def solve(self, b: Array, accuracy: Any, guess: Array | None = None) -> Array:
         """The solution x of (K + μ·metric) x = b; direct, whatever the accuracy asked for."""
-        triangular = partial(jax.lax.linalg.triangular_solve, self.lu, left_side=True)
-        forward = triangular(b[self.permutation][:, None], lower=True, unit_diagonal=True)
-        return triangular(forward, lower=False)[:, 0]
+        return _back(self.lu, b[self.permutation])
 
 
 def _is_tiny(size: int) -> bool:
@@ -228,8 +252,8 @@ class Dense:
         s = jnp.where(jnp.arange(size) < n_u, self.scale.unit / root, at.modulus / root)
         matrix = s[:, None] * (0.5 / at.modulus * (at.K + at.K.T)) * s[None, :]
         limits = 1e-12 * size * jnp.array([-1.0, 1.0])
-        diagonals = tiny.tridiagonal(matrix) if _is_tiny(size) else jax.lax.linalg.tridiagonal(matrix)[1:3]
-        negative, not_positive = tiny.eigenvalues_below(*diagonals, limits)
+        diagonal, beside = tiny.tridiagonal(matrix) if _is_tiny(size) else _tridiagonal(matrix)
+        negative, not_positive = tiny.eigenvalues_below(diagonal, beside, limits)
         return negative - (size - n_u), not_positive - negative
 
 

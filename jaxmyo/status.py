@@ -29,7 +29,7 @@ MEANING = {
     ),
     Status.NO_DESCENT: (
         "no correction shrank the residual, however small the load step: every trial inverted an element, closed a "
-        "hole, overflowed the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. Try a "
+        "hole, overflowed the energy (exp Q exceeds float64 at large strain), or led away from equilibrium; try a "
         "smaller load, or prescribe a displacement instead of a traction"
     ),
     Status.TOO_MANY_ITERATIONS: (
@@ -51,8 +51,8 @@ MEANING = {
     Status.TIME_LIMIT: "the time limit passed (settings.time_limit). Go on from this state, or allow more time",
     Status.LIMIT_POINT: (
         "the load has a maximum on this branch (a limit point): the body moves ever faster towards it, and there is no "
-        "equilibrium near by beyond. Try a smaller load; prescribe a displacement or a volume instead of a traction or "
-        "a pressure; or follow the branch beyond its limit point (jaxmyo.trace)"
+        "equilibrium near by beyond; try a smaller load, prescribe a displacement or a volume instead of a traction "
+        "or a pressure, or follow the branch beyond its limit point (jaxmyo.trace)"
     ),
     Status.OUTPUT_NOT_FINITE: (
         "the state converged, but an output that a study computes from it is not finite; look at the output's function"

@@ -293,3 +293,14 @@ def test_the_secondary_branch_of_rivlins_cube() -> None:
         x = np.asarray(state.stretches)[0].mean(axis=0)
         np.testing.assert_allclose(x[0] + x[0] ** -2, 2.2 * (1.0 - load), rtol=1e-10)
         np.testing.assert_allclose(x[2], x[0] ** -2, rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_from_tissue_at_rest_that_has_no_stiffness() -> None:
+    """The tangent is singular at the start, and nowhere else."""
+    A = jm.contract(jm.thin_sample(), T0=0.0, a_over_D=None, beta=0.0)
+    assert int(A.zero_eigenvalues) > 0
+    path = jm.trace(A, jm.Traction("y1", (0.0, 1.0, 0.0)), steps=10)
+    assert float(path.states.residual.max()) <= 1e-12
+    loaded = jm.load(A, jm.Traction("y1", (0.0, float(path.load[-1]), 0.0)))
+    np.testing.assert_allclose(np.asarray(path.states[-1].u), np.asarray(loaded.u), rtol=0, atol=1e-8)

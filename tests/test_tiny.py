@@ -1,13 +1,15 @@
 """The linear algebra of tiny matrices, against LAPACK; also of the singular and indefinite ones that solves meet."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import jaxprs_in_params
 
-from jaxmyo import tiny
+from jaxmyo import linear, tiny
 
 
 def matrices(n: int, count: int) -> Any:
@@ -45,3 +47,27 @@ def test_inverse(n: int) -> None:
     b = np.arange(1.0, n + 1.0)
     x = tiny.invert(jnp.asarray(A[regular][0])).solve(jnp.asarray(b), 0.0)
     np.testing.assert_allclose(A[regular][0] @ x, b, atol=1e-11 * n)
+
+
+def test_batches_of_larger_matrices_are_solved_one_by_one() -> None:
+    """A batched call of LAPACK may wait for XLA's threads for ever (jaxlib 0.10): there is none, at any level."""
+    rng, n = np.random.default_rng(0), tiny.ROWS + 3
+    K, b = rng.normal(size=(5, n, n)), rng.normal(size=(5, 4, n))
+
+    def solve(K: Any, b: Any) -> Any:
+        factors = linear.factors(K)
+        return jax.vmap(lambda b: factors.solve(b, None))(b), factors.sign
+
+    x, sign = jax.jit(jax.vmap(solve))(K, b)
+    np.testing.assert_allclose(x, np.einsum("sij,skj->ski", np.linalg.inv(K), b), rtol=1e-9)
+    np.testing.assert_array_equal(sign, np.sign(np.linalg.det(K)))
+
+    def rows(jaxpr: Any) -> Iterator[tuple[str, int]]:
+        for eqn in jaxpr.eqns:
+            yield eqn.primitive.name, len(getattr(eqn.invars[0].aval, "shape", ())) if eqn.invars else 0
+            for inner in jaxprs_in_params(eqn.params):
+                yield from rows(inner)
+
+    found = [r for r in rows(jax.make_jaxpr(jax.vmap(solve))(K, b).jaxpr) if r[0] in ("lu", "triangular_solve")]
+    assert {name for name, _ in found} == {"lu", "triangular_solve"}
+    assert {rank for _, rank in found} == {2}

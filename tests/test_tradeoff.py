@@ -107,8 +107,12 @@ def test_the_finest_meshes_tell_the_truth_by_the_order_that_they_show() -> None:
     assert "1.50, 2.00" in truth.source
     with pytest.raises(ValueError, match="did not converge"):
         finest(points[:2], Dials(), (8, 16, 32))
-    with pytest.raises(ValueError, match="do not converge"):
+    with pytest.raises(ValueError, match="does not converge"):
         finest([made(n, (1.0 + n, 1.0 + 1.0 / n)) for n in (8, 16, 32)], Dials(), (8, 16, 32))
+    turns = finest([made(n, (1.0 + n**-2.0, x)) for n, x in ((8, 1.0), (16, 1.1), (32, 1.0))], Dials(), (8, 16, 32))
+    assert turns.outputs == pytest.approx((1.0, 1.0), rel=1e-12)
+    assert turns.doubt[1] == pytest.approx(0.1)
+    assert turns.source.endswith("2.00, none")
 
 
 def test_errors_are_told_by_source() -> None:

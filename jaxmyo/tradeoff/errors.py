@@ -104,21 +104,32 @@ def _joined(parts: Sequence[Point]) -> Point:
 def finest(points: Sequence[Point], base: Dials, meshes: Sequence[int]) -> Truth:
     """The truth by extrapolation of three meshes, each twice as fine as the one before, by the order that they show.
 
-    doubt: the difference from the limit that the second order would give.
+    doubt: the difference from the limit that the second order would give. Of an output other than the first that shows
+    no order, the truth is what the finest mesh gives, and the doubt its last change.
     """
     by_dials = {p.dials: p for p in points if p.converged}
     missing = [n for n in meshes if replace(base, elements=n) not in by_dials]
     if missing:
         raise ValueError(f"the meshes of {missing} elements did not converge: there is no truth to compare with")
-    a, b, c = (np.asarray(by_dials[replace(base, elements=n)].outputs) for n in meshes)
-    ratio = (b - a) / (c - b)
-    if not (ratio > 1.0).all():
-        raise ValueError(f"the outputs on meshes of {tuple(meshes)} elements do not converge: {a}, {b}, {c}")
-    limit, of_second_order = c + (c - b) / (ratio - 1.0), c + (c - b) / 3.0
-    orders = ", ".join(f"{p:.2f}" for p in np.log2(ratio))
-    doubt = np.abs(limit - of_second_order) / np.abs(limit)
-    words = f"extrapolated from {', '.join(map(str, meshes))} elements along an edge, by the orders {orders} they show"
-    return Truth(tuple(map(float, limit)), tuple(map(float, doubt)), words)
+    values = zip(*(by_dials[replace(base, elements=n)].outputs or () for n in meshes), strict=True)
+    limits, doubts, orders = [], [], []
+    for a, b, c in values:
+        ratio = (b - a) / (c - b) if c != b else np.inf
+        if ratio > 1.0:
+            limits.append(c + (c - b) / (ratio - 1.0))
+            doubts.append(abs(limits[-1] - (c + (c - b) / 3.0)) / abs(limits[-1]))
+            orders.append(f"{np.log2(ratio):.2f}")
+        elif limits:
+            limits.append(c)
+            doubts.append(abs(c - b) / abs(c))
+            orders.append("none")
+        else:
+            raise ValueError(f"the output on meshes of {tuple(meshes)} elements does not converge: {a}, {b}, {c}")
+    shown = ", ".join(orders)
+    words = (
+        f"extrapolated from {', '.join(map(str, meshes))} elements along an edge, by the orders that they show: {shown}"
+    )
+    return Truth(tuple(map(float, limits)), tuple(map(float, doubts)), words)
 
 
 def split(point: Point, points: Sequence[Point], truth: Truth) -> dict[str, float | None]:
