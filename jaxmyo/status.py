@@ -29,7 +29,7 @@ MEANING = {
     ),
     Status.NO_DESCENT: (
         "no correction shrank the residual, however small the load step: every trial inverted an element, closed a "
-        "hole, overflowed the energy (exp Q exceeds float64 at large strain), or led away from equilibrium. Try a "
+        "hole, overflowed the energy (exp Q exceeds float64 at large strain), or led away from equilibrium; try a "
         "smaller load, or prescribe a displacement instead of a traction"
     ),
     Status.TOO_MANY_ITERATIONS: (

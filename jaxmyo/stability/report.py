@@ -79,8 +79,8 @@ def in_words(found: dict[str, Any]) -> list[str]:
             lines.append(
                 f"{one['body']} {weave} weave, state {state}: {c['converged']} of {c['asked']} converge "
                 f"({c['solvable']} have a solution), {c['missed']} missed, {c['inexact']} inexact, {c['wrong']} wrong, "
-                f"{c['beyond']} beyond a limit point, {c['nan']} with NaN; largest residual "
-                f"{one['largest_residual'][state]:.1e}"
+                f"{c['beyond']} beyond a limit point, {c['nan']} with NaN; "
+                f"largest residual {one['largest_residual'][state]:.1e}"
             )
     if s := found["solids"]:
         lines.append(f"solids: A {s['A']}, C {s['C']}; largest residuals {s['largest_residual']}; {s['wrong']} wrong")
