@@ -50,13 +50,26 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         shutil.rmtree(config.stash[CACHE], ignore_errors=True)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What looks at the files of `jaxmyo paper` waits for its run of minutes."""
+    for item in items:
+        if "paper_run" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def free_compiled_programs() -> Iterator[None]:
-    """A process may map 65,530 pieces of memory, and compiled programs take several each: free them file by file."""
+    """A process may map 65,530 pieces of memory, and compiled programs take several each: free them in time.
+
+    Files that come after each other share programs, so not more often than needed.
+    """
     yield
     sparse.forget()
-    jax.clear_caches()
-    gc.collect()
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or len(maps.read_text().splitlines()) > 20_000:
+        jax.clear_caches()
+        gc.collect()
 
 
 def jaxmyo_in(folder: Path) -> Command:

@@ -113,6 +113,7 @@ def limit_of_the_sphere() -> float:
 
 
 @pytest.mark.usefixtures("always_sparse")
+@pytest.mark.slow
 def test_filling_a_sphere_beyond_its_limit_point() -> None:
     """The pressure at prescribed volumes, at second order, before and beyond the greatest pressure."""
     limit = limit_of_the_sphere()
@@ -196,6 +197,7 @@ def tube(n: int) -> jm.State:
 
 
 @pytest.mark.usefixtures("always_sparse")
+@pytest.mark.slow
 def test_a_tube_is_inflated_and_stretched() -> None:
     """Inner radius, from the volume, and axial force of the wall at second order; by pressure and by volume."""
     P, lz = 3.0, 1.2

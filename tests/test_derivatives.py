@@ -446,6 +446,7 @@ def test_geometry_is_checked() -> None:
     assert jax.jit(jax.vmap(inside))(jnp.array([1.0, -1.0])).tolist() == [0, jm.Status.INVALID_INPUT]
 
 
+@pytest.mark.slow
 def test_moved_nodes_are_another_mesh() -> None:
     """`points` and `fibre` give what a scene that was built with them gives."""
     scene = jm.radial_tube(3)

@@ -89,6 +89,7 @@ def dot(a: Any, b: Any) -> Any:
 
 
 @pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+@pytest.mark.slow
 def test_some_inputs(sparse_only: None) -> None:
     """What costs little to compile: constants and loads, with the weave as an exact constraint."""
     check({name: INPUTS[name] for name in ("T0", "a_over_D", "constants", "stretch", "pressure")})

@@ -47,6 +47,7 @@ def test_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Written: " in captured.err
 
 
+@pytest.mark.slow
 def test_values_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """T0 starts at the value it is given, two rows are enough for one constant, and the others are fixed."""
     path = tmp_path / "two.csv"

@@ -38,6 +38,7 @@ def test_nothing_fitted(without_weave: Problem) -> None:
     assert [round(v, 3) for v in rms.values()] == [0.707, 1.377, 1.041, 0.913]
 
 
+@pytest.mark.slow
 def test_the_elements_are_the_closed_form(without_weave: Problem) -> None:
     """Equibiaxial Cauchy stress by hand: σ1 − σ3 and σ2 − σ3 of W*, plus T0."""
     row, what = fitting.sample.columns_of(DATA)

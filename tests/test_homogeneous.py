@@ -174,6 +174,7 @@ def test_pseudo_active_tensions_pull_across_and_push_along_in_the_table() -> Non
     assert (a.T_f < 0.0).all()
 
 
+@pytest.mark.slow
 def test_ten_times_the_passive_stiffness_and_activation_is_ten_times_the_tension() -> None:
     """MEASURED has ten times the passive stiffness of TABLE1: at 10 beta every energy is ten times as large."""
     T0, ratio, beta = (v.ravel() for v in np.meshgrid([0.6, 5.0, 35.0, 200.0], [0.05, 0.2, 0.25], [0.01, 0.05, 0.1]))

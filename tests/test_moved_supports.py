@@ -30,7 +30,9 @@ def assert_same(a: jm.State, b: jm.State) -> None:
         np.testing.assert_allclose(np.asarray(a.reaction(face)), np.asarray(b.reaction(face)), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("large", [1000, 0], ids=["dense", "sparse"])
+@pytest.mark.parametrize(
+    "large", [pytest.param(1000, id="dense", marks=pytest.mark.slow), pytest.param(0, id="sparse")]
+)
 def test_a_clamp_that_moves(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """One axis of a clamped face is moved, the others stay; the same with the motion given instead of the support."""
     monkeypatch.setattr(solve, "LARGE", large)

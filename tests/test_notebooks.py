@@ -10,12 +10,10 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "notebooks"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(file.stem, marks=[pytest.mark.slow] if file.stem == "paper_reconciled" else [])
-        for file in sorted(FOLDER.glob("*.md"))
-    ],
+    [file.stem for file in sorted(FOLDER.glob("*.md"))],
 )
 def test_notebook(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

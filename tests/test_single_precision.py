@@ -43,6 +43,7 @@ def test_the_derivative_of_a_mixed_state_is_that_of_float64() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_batch_has_the_status_of_each() -> None:
     scene = jm.thin_sample()
 
@@ -59,6 +60,7 @@ def test_a_batch_has_the_status_of_each() -> None:
     assert bool(jnp.all(jnp.isfinite(states.u)))
 
 
+@pytest.mark.slow
 def test_mixed_goes_on_in_float64_where_float32_ends() -> None:
     """exp Q overflows float32 at this stretch, not float64."""
     stretches = jm.Stretch("x", 2.75), jm.Stretch("y", 1.0)

@@ -85,7 +85,11 @@ def dense() -> dict[str, list[jm.State]]:
     return {}
 
 
-@pytest.mark.parametrize("case", CASES)
+#: Where the dense solve of reference takes longest.
+LONG = {"p and q in blocks", "a cavity of prescribed volume"}
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] if c in LONG else []) for c in CASES])
 def test_states_are_those_of_the_dense_solver(
     case: str, solver: str, dense: dict[str, list[jm.State]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,11 +70,13 @@ def test_zero_dimensional_sample_gives_the_printed_table() -> None:
     np.testing.assert_allclose(table[:, 0], expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_distorted_mesh_gives_the_printed_table(distorted_mesh: np.ndarray) -> None:
     assert distorted_mesh.shape == (20, 4 * 4 * 2 * 8, 2)
     assert np.abs(distorted_mesh - PRINTED[:, None]).max() <= WITHIN
 
 
+@pytest.mark.slow
 def test_distorted_mesh_agrees_with_one_element_at_every_point(
     one_element: np.ndarray, distorted_mesh: np.ndarray
 ) -> None:

@@ -142,7 +142,7 @@ def pressure_named(message: str) -> float:
 # -------------------------------------------------------------------------------------------- radial convergence
 
 
-@pytest.mark.parametrize("a_over_D", WEAVE)
+@pytest.mark.parametrize("a_over_D", [A_OVER_D, pytest.param(None, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("grading", "pairs"), [(1.0, 1), (GRADED, 2)])
 def test_radii_converge_at_second_order(a_over_D: float | None, grading: float, pairs: int) -> None:
     """Equal elements are coarse at the inner wall, where strains are large: their order shows on the finer meshes."""
@@ -341,6 +341,7 @@ def test_a_q_per_element_is_redundant(scene: Callable[[], jm.Scene]) -> None:
     assert re.search("over-determined|redundant", str(caught.value))
 
 
+@pytest.mark.slow
 def test_a_q_per_element_of_a_soft_weave() -> None:
     """Against the exact solution whose q varies through the wall, q = −2 k h, states A and C."""
     k = 20.0
@@ -416,7 +417,8 @@ def spatial() -> tuple[jm.Scene, jm.Scene]:
     return jm.axisymmetric_tube((16, 2)), jm.tube_sector((16, 2, 1))
 
 
-@pytest.mark.parametrize("a_over_D", [A_OVER_D, pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("a_over_D", [A_OVER_D, None])
 def test_scenes_with_planar_ends_agree_with_the_radial_one(spatial: Any, a_over_D: float | None) -> None:
     axisymmetric, sector = side_by_side(lambda scene: solve(scene, a_over_D), spatial)
     for around, part, wall in zip(axisymmetric, sector, radial(16, a_over_D), strict=True):
@@ -514,7 +516,7 @@ def assert_close(state: jm.State, other: jm.State, atol: float) -> None:
         np.testing.assert_allclose(one, two, rtol=0, atol=atol)
 
 
-@pytest.mark.parametrize("a_over_D", WEAVE)
+@pytest.mark.parametrize("a_over_D", [A_OVER_D, pytest.param(None, marks=pytest.mark.slow)])
 def test_cycle_against_the_exact_one(a_over_D: float | None) -> None:
     """The errors of n = 16; at s = 0 and ½ the states are those whose second order is shown above."""
     found = paper_cycle(a_over_D)

@@ -55,6 +55,7 @@ def test_at_rest() -> None:
     assert float(rest.stored_energy) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_filling_converges_at_second_order() -> None:
     """Volume and apex of three nested meshes; no negative eigenvalue: the passive body is stable."""
     states = [filled((n, 4 * n), "sliding")[1] for n in (1, 2, 4)]
