@@ -96,6 +96,7 @@ def test_some_inputs(sparse_only: None) -> None:
 
 
 @pytest.mark.parametrize("sparse_only", ["direct"], indirect=True)
+@pytest.mark.slow
 def test_a_load_that_starts_from_another_one(sparse_only: None) -> None:
     """The way to a state has no part in its derivatives, though the way itself changes with the inputs."""
     x = {name: INPUTS[name] for name in ("T0", "a_over_D", "constants", "stretch", "pressure")}

@@ -12,7 +12,7 @@ import jaxmyo as jm
 KINDS = [
     pytest.param((None, True), id="0D-weave"),
     pytest.param(((1, 1, 1), True), id="element-weave"),
-    pytest.param(((1, 1, 1), False), id="element-free"),
+    pytest.param(((1, 1, 1), False), id="element-free", marks=pytest.mark.slow),
 ]
 
 

@@ -59,9 +59,8 @@ def test_layers_in_series() -> None:
     np.testing.assert_allclose(np.asarray(state.reaction("z0")), [-tau, 0.0, 0.0], rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    "large", [pytest.param(1000, id="dense"), pytest.param(0, id="sparse", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("large", [1000, 0], ids=["dense", "sparse"])
 def test_bars_in_parallel(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bars of one stretch λ; each carries A μ (λ − λ⁻²), exactly."""
     monkeypatch.setattr(solve, "LARGE", large)

@@ -153,7 +153,7 @@ def test_radii_converge_at_second_order(a_over_D: float | None, grading: float, 
         assert errors[-1] < bound
 
 
-@pytest.mark.parametrize("a_over_D", WEAVE)
+@pytest.mark.parametrize("a_over_D", [A_OVER_D, pytest.param(None, marks=pytest.mark.slow)])
 def test_multipliers_tensions_and_height_converge_at_second_order(a_over_D: float | None) -> None:
     """p by its means over the elements, the tensions at the quadrature points."""
     states, wall = levels(a_over_D, GRADED), solution(a_over_D)
@@ -516,7 +516,8 @@ def assert_close(state: jm.State, other: jm.State, atol: float) -> None:
         np.testing.assert_allclose(one, two, rtol=0, atol=atol)
 
 
-@pytest.mark.parametrize("a_over_D", [A_OVER_D, pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("a_over_D", WEAVE)
 def test_cycle_against_the_exact_one(a_over_D: float | None) -> None:
     """The errors of n = 16; at s = 0 and ½ the states are those whose second order is shown above."""
     found = paper_cycle(a_over_D)

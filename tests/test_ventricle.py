@@ -48,6 +48,7 @@ def apex(state: jm.State) -> float:
     return float(mesh.coordinates.position(mesh.points[node] + np.asarray(state.u[node]))[2])
 
 
+@pytest.mark.slow
 def test_at_rest() -> None:
     rest, _ = filled((2, 8), "sliding")
     assert volume(rest) == pytest.approx(VENTRICLE.enclosed(VENTRICLE.lambda_endo), rel=1e-5)
@@ -66,7 +67,8 @@ def test_filling_converges_at_second_order() -> None:
         assert int(state.negative_eigenvalues) == 0
 
 
-@pytest.mark.parametrize("base", ["sliding", pytest.param("clamped", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("base", ["sliding", "clamped"])
+@pytest.mark.slow
 def test_revolution_and_three_dimensions_agree(base: str) -> None:
     """Within the discretisation errors, extrapolated at second order from a coarser mesh of each."""
     families = [((1, 4), (2, 8)), ((1, 2, 8), (2, 4, 16))]
