@@ -31,7 +31,7 @@ QUICK_BASE = {
 }
 #: Meshes, each twice as fine as the one before, whose extrapolation is exact enough where there is no exact solution.
 FINEST = {"block": (8, 16, 32)}
-QUICK_FINEST = {"block": (2, 4, 8)}
+QUICK_FINEST = {"block": (4, 8, 16)}
 
 
 def plan(body: str, quick: bool) -> list[Dials]:
@@ -61,7 +61,7 @@ def _quick(body: str) -> list[Dials]:
     if body == "radial":
         return [*_meshes(base, (4, 8)), *_at(base, *_STEPS[:2], {"precision": "float32"})]
     if body == "block":
-        return [*few, *_meshes(base, (2, 8), (1e-13,))]
+        return [*few, *_meshes(base, (8, 16), (1e-13,))]
     return few
 
 
