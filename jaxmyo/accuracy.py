@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from jaxmyo import checks
+from jaxmyo.extrapolation import neville
 from jaxmyo.newton import Settings
 from jaxmyo.state import State
 from jaxmyo.status import SolveError
@@ -164,23 +165,23 @@ def extrapolate(values: list[float]) -> tuple[float, float, float | None, bool]:
     """
     if len(values) < 2:
         return values[-1], math.inf, None, False
-    table = [np.asarray(values)]
-    for k in range(1, len(values)):
-        last = table[-1]
-        table.append(last[1:] + (last[1:] - last[:-1]) / (4.0**k - 1.0))
     step = values[-1] - values[-2]
     if len(values) == 2:
-        return float(table[-1][-1]), abs(step), None, True
+        return _limit(values), abs(step), None, True
     before = values[-2] - values[-3]
     if step == 0.0:
         return values[-1], 0.0, None, False
     ratio = before / step
     order = math.log2(ratio) if ratio > 0.0 else None
     if order is not None and 1.7 <= order <= 2.3:
-        value = float(table[-1][-1])
-        return value, 2.0 * abs(value - float(table[-2][-1])), order, True
+        value = _limit(values)
+        return value, 2.0 * abs(value - _limit(values[1:])), order, True
     assumed = min(max(order or 0.5, 0.5), 2.0)
     return values[-1], 2.0 * abs(step) / (2.0**assumed - 1.0), order, False
+
+
+def _limit(values: list[float]) -> float:
+    return float(neville(values, [0.5**k for k in range(len(values))]))
 
 
 @cache

@@ -75,9 +75,3 @@ def write(path: Path, own: dict[str, str], found: Found) -> None:
 def stacked(found: Found) -> tuple[Solution, Solution]:
     """All steps as two batches."""
     return jax.tree.map(lambda *x: jnp.stack(x), *found)
-
-
-def tidy(path: Path) -> None:
-    """Remove what runs that were killed left half-written."""
-    for part in path.parent.glob(f".{path.name}.*.part"):
-        part.unlink(missing_ok=True)

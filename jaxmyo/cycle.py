@@ -13,7 +13,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checkpoint, checks, lagrangian, outputs, sparse, surface
+from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
 from jaxmyo.lagrangian import Inputs, System
@@ -219,7 +219,7 @@ def _run_kept(problem: _Problem, settings: Settings, path: Path, own: dict[str, 
         in_time = in_time and not late  # what the next run, with more time, finds otherwise is not kept
         if in_time:
             checkpoint.write(path, own, found)
-    checkpoint.tidy(path)
+    files.remove_parts(path.parent, path.name)
     return checkpoint.stacked(found)
 
 

@@ -12,10 +12,11 @@ from conftest import jaxmyo_in
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jaxmyo.extrapolation import neville
 from jaxmyo.tradeoff import extremes, plan
 from jaxmyo.tradeoff.bodies import BODIES
 from jaxmyo.tradeoff.dials import Dials
-from jaxmyo.tradeoff.errors import Truth, counted, error, extrapolated, finest, neville, split
+from jaxmyo.tradeoff.errors import Truth, counted, error, extrapolated, finest, split
 from jaxmyo.tradeoff.front import behind, front, pareto
 from jaxmyo.tradeoff.measure import Effort, Point, measure
 from jaxmyo.tradeoff.report import write as write_report

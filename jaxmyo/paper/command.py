@@ -1,15 +1,14 @@
 """The command `jaxmyo paper`: compute, compare with the paper, write CSV files, figures and the report."""
 
 import json
-import platform
 import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from jaxmyo import console
 from jaxmyo.constants import SETS
 from jaxmyo.paper import output, report, sections, tube_section
 from jaxmyo.paper.claims import Claim, claims
@@ -20,6 +19,7 @@ from jaxmyo.status import SolveError
 
 #: The set whose figures and claims are shown when no set is asked for.
 DEFAULT_SET = "table1"
+PACKAGES = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib", "meshio")
 
 
 def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
@@ -30,18 +30,16 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
 
         from jaxmyo.paper import figures, tube_output
     except ModuleNotFoundError as error:
-        _say(f"jaxmyo paper needs {error.name}, which is not installed: pip install 'jaxmyo[paper]'")
+        console.say(f"jaxmyo paper needs {error.name}, which is not installed: pip install 'jaxmyo[paper]'")
         return 1
     name = chosen or DEFAULT_SET
     names = [chosen] if chosen else list(SETS)
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / ".writable").touch()
-        (out / ".writable").unlink()
+        console.make_writable(out)
     except OSError as error:
-        _say(f"--out {out}: cannot write there ({error.strerror})")
+        console.say(f"--out {out}: cannot write there ({error.strerror})")
         return 1
-    _say(
+    console.say(
         f"Computing Table 1 ({', '.join(names)}), the thin sample and the tube ({name}); the first run compiles for a "
         "while."
     )
@@ -66,7 +64,7 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
             of_tube_pictures = tube_output.write_figures(out, name, of_tube)
             csv_files = [file for file in files if file.suffix == ".csv"]
             parts = [
-                sections.basis(names, _versions()),
+                sections.basis(names, console.versions(*PACKAGES)),
                 sections.thin_sample(tables, name, of_sample, found, *pictures),
                 tube_section.tube(name, of_tube, of_tube_pictures),
             ]
@@ -74,18 +72,18 @@ def run(out: Path, chosen: str | None, as_json: bool, started: float) -> int:
             files += [*pictures, *of_tube_pictures, page]
             progress.done("figures of the tube and report")
     except SolveError as error:
-        _say(f"A state could not be computed, so there is no report: {error}")
+        console.say(f"A state could not be computed, so there is no report: {error}")
         return 1
     except OSError as error:
-        _say(f"{error.filename or out}: cannot write ({error.strerror})")
+        console.say(f"{error.filename or out}: cannot write ({error.strerror})")
         return 1
     seconds = time.perf_counter() - started
     _summary(tables, name, of_sample, found, of_tube)
-    _say(f"\nWritten in {seconds:.1f} s: {', '.join(map(str, files))}")
+    console.say(f"\nWritten in {seconds:.1f} s: {', '.join(map(str, files))}")
     if as_json:
         result = _result(tables, name, of_sample, [*found, *of_tube.claims])
         result |= {"tube": tube_output.as_json(name, of_tube), "files": [str(file) for file in files]}
-        result |= {"versions": _versions(), "seconds": seconds}
+        result |= {"versions": console.versions(*PACKAGES), "seconds": seconds}
         print(json.dumps(result, allow_nan=False, indent=1))
     else:
         print("\n\n".join(format_table(n, t) for n, t in tables.items()))
@@ -110,7 +108,7 @@ class Progress:
     def done(self, step: str) -> None:
         """One more step is done."""
         if self._bar is None:
-            _say(f"  done: {step}")
+            console.say(f"  done: {step}")
         else:
             self._bar.set_description_str(step, refresh=False)
             self._bar.update()
@@ -151,16 +149,16 @@ def _summary(
     tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim], of_tube: TubeResults
 ) -> None:
     """What reproduces and what does not, in words."""
-    _say("\nTable 1 (40 entries in % and kPa; 'none' in the tables: no kinematic constraint):")
+    console.say("\nTable 1 (40 entries in % and kPa; 'none' in the tables: no kinematic constraint):")
     for n, table in tables.items():
         verdict = "reproduces it" if table.reproduced else "does not reproduce it"
-        _say(f"  {n}: largest difference {table.max_abs_diff:.4f}, {verdict} (limit {REPRODUCED})")
+        console.say(f"  {n}: largest difference {table.max_abs_diff:.4f}, {verdict} (limit {REPRODUCED})")
     for body, statements in (("sample", found), ("tube", of_tube.claims)):
-        _say(f"\nThe paper's statements about the {body}, with the constants '{name}':")
+        console.say(f"\nThe paper's statements about the {body}, with the constants '{name}':")
         for claim in statements:
-            _say(f"  {claim}")
+            console.say(f"  {claim}")
     if note := sections.unstable_note(of_sample):
-        _say(f"\n{note}")
+        console.say(f"\n{note}")
 
 
 def _result(tables: Mapping[str, Table], name: str, of_sample: Sample, found: list[Claim]) -> dict[str, Any]:
@@ -184,12 +182,3 @@ def _result(tables: Mapping[str, Table], name: str, of_sample: Sample, found: li
         "uniaxial": {"set": name, "unstable_states": int(of_sample.unstable.sum())},
         "claims": [claim.as_json() for claim in found],
     }
-
-
-def _versions() -> dict[str, str]:
-    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "matplotlib", "meshio")
-    return {"python": platform.python_version(), **{p: version(p) for p in packages}}
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -154,9 +154,14 @@ def _squares(z: Array) -> Array:
 
 def _tissue(squares: Array, muscle: Muscle) -> Array:
     """W* + ½ β T0 ln I4 [kPa]."""
-    C, frame = jnp.diag(squares), jnp.eye(3)
-    law = energies.lin_yin(C, frame, jnp.asarray(muscle.beta), muscle.constants)
-    return law + energies.beating(C, frame, jnp.asarray(muscle.beta) * jnp.asarray(muscle.T0))
+    return tissue(jnp.diag(squares), jnp.eye(3), muscle)
+
+
+def tissue(C: Array, frame: Array, muscle: Muscle) -> Array:
+    """W* + ½ β T0 ln I4 [kPa] of C (3, 3) and a fibre frame (rows)."""
+    beta = jnp.asarray(muscle.beta)
+    law = energies.lin_yin(C, frame, beta, muscle.constants)
+    return law + energies.beating(C, frame, beta * jnp.asarray(muscle.T0))
 
 
 def _q(squares: Array, z: Array, muscle: Muscle, weave: Weave) -> Array:

@@ -1,12 +1,12 @@
 """CSV files: one row per state, the unit in the column's name, and what says how far each state can be trusted."""
 
-import csv
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxmyo.files import write_rows
 from jaxmyo.paper.homogeneous import CONSTRAINT, Point
 from jaxmyo.paper.sample import A_OVER_D, BETAS, DIRECTIONS, N_STRETCHES, T0_KPA, S, Sample, activation
 from jaxmyo.paper.table1 import STRETCH, Table
@@ -14,12 +14,7 @@ from jaxmyo.paper.table1 import STRETCH, Table
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Rows under the keys of the first one; numbers to 12 digits, None as an empty cell."""
-    listed = list(rows)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(listed[0]))
-        writer.writeheader()
-        writer.writerows({key: _cell(value) for key, value in row.items()} for row in listed)
-    return path
+    return write_rows(path, [{key: _cell(value) for key, value in row.items()} for row in rows])
 
 
 def table_rows(tables: Mapping[str, Table]) -> Iterator[dict[str, Any]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxmyo.extrapolation import neville
 from jaxmyo.hexahedron import gauss
 from jaxmyo.paper import exact_tube
 from jaxmyo.paper.exact_tube import Muscle, Pair, Wall
@@ -102,9 +103,6 @@ def nodal_error(r: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
 
 def extrapolate(kind: Kind, tubes: Sequence[Tube]) -> NDArray[np.float64]:
     """Radii at h = 0 at the nodes of the coarsest mesh: constraint × (s = 0, ½) × node [mm]; Neville's scheme."""
-    h2 = [1.0 / tube.elements**2 for tube in tubes]
     nested = [tube.elements // tubes[0].elements for tube in tubes]
     values = [tube.walls(kind).r[:, tube.ends, ::every] for tube, every in zip(tubes, nested, strict=True)]
-    for m in range(1, len(tubes)):
-        values = [(h2[j] * values[j + 1] - h2[j + m] * values[j]) / (h2[j] - h2[j + m]) for j in range(len(tubes) - m)]
-    return np.asarray(values[0])
+    return neville(values, [1.0 / tube.elements for tube in tubes])

@@ -1,16 +1,11 @@
 """The command `jaxmyo stability`: measure, and write a report, CSV files and figures."""
 
-import csv
 import json
-import platform
-import sys
 import time
-from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-from jaxmyo import checks
+from jaxmyo import checks, console
+from jaxmyo.files import write_rows
 from jaxmyo.stability import checkerboard, inf_sup_cases, maps, report, tables
 from jaxmyo.stability.random_problems import outcome
 from jaxmyo.stability.report import Results
@@ -28,18 +23,16 @@ def run(out: Path, quick: bool, as_json: bool, started: float) -> int:
     try:
         from jaxmyo.stability import figures
 
-        out.mkdir(parents=True, exist_ok=True)
-        (out / ".writable").touch()
-        (out / ".writable").unlink()
+        console.make_writable(out)
     except ModuleNotFoundError as error:
-        _say(str(checks.missing(error, "jaxmyo stability needs", "'jaxmyo[paper]'")))
+        console.say(str(checks.missing(error, "jaxmyo stability needs", "'jaxmyo[paper]'")))
         return 1
     except OSError as error:
-        _say(f"--out {out}: cannot write there ({error.strerror})")
+        console.say(f"--out {out}: cannot write there ({error.strerror})")
         return 1
 
     def done(step: str) -> None:
-        _say(f"  {time.perf_counter() - started:7.1f} s  {step}")
+        console.say(f"  {time.perf_counter() - started:7.1f} s  {step}")
 
     rows = inf_sup_cases.measure(quick, done)
     sheets = checkerboard.measure(quick, done)
@@ -53,12 +46,12 @@ def run(out: Path, quick: bool, as_json: bool, started: float) -> int:
     results = Results(rows, sheets, maps.measure(quick, done), outcomes, solids)
     try:
         files = [
-            _csv(out / "inf_sup.csv", [row._asdict() for row in rows]),
-            _csv(out / "checkerboards.csv", report.sheet_rows(sheets)),
-            _csv(out / "maps.csv", report.map_rows(results.maps)),
-            _csv(out / "random_by_region.csv", tables.by_region(outcomes)),
-            _csv(out / "random_statuses.csv", tables.statuses(outcomes)),
-            _csv(out / "random_missed.csv", tables.missed(outcomes)),
+            write_rows(out / "inf_sup.csv", [row._asdict() for row in rows]),
+            write_rows(out / "checkerboards.csv", report.sheet_rows(sheets)),
+            write_rows(out / "maps.csv", report.map_rows(results.maps)),
+            write_rows(out / "random_by_region.csv", tables.by_region(outcomes)),
+            write_rows(out / "random_statuses.csv", tables.statuses(outcomes)),
+            write_rows(out / "random_missed.csv", tables.missed(outcomes)),
             figures.inf_sup(out / "inf_sup.png", rows),
             figures.checkerboards(out / "checkerboards.png", sheets),
             figures.roughness(out / "roughness.png", sheets),
@@ -66,28 +59,15 @@ def run(out: Path, quick: bool, as_json: bool, started: float) -> int:
         ]
         files.append(report.write(out / "report.md", results, [f for f in files if f.suffix == ".png"]))
     except OSError as error:
-        _say(f"{error.filename or out}: cannot write ({error.strerror})")
+        console.say(f"{error.filename or out}: cannot write ({error.strerror})")
         return 1
     seconds = time.perf_counter() - started
-    _say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
+    console.say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
     summary = report.summary(results)
     if as_json:
-        versions = {p: version(p) for p in ("jaxmyo", "jax", "jaxlib", "numpy", "scipy", "matplotlib")}
+        versions = console.versions("jaxmyo", "jax", "jaxlib", "numpy", "scipy", "matplotlib")
         more = {"quick": quick, "files": [str(f) for f in files], "seconds": seconds}
-        print(json.dumps(summary | more | {"versions": {"python": platform.python_version(), **versions}}, indent=1))
+        print(json.dumps(summary | more | {"versions": versions}, indent=1))
     else:
         print("\n".join(report.in_words(summary)))
     return 0
-
-
-def _csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        if rows:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    return path
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -2,17 +2,15 @@
 
 import argparse
 import json
-import platform
 import sys
 import time
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from jaxmyo import checks
+from jaxmyo import checks, console
 from jaxmyo.conditions import Stretch
 from jaxmyo.constants import SETS
 from jaxmyo.scenes import thin_sample
@@ -66,7 +64,7 @@ def run(options: argparse.Namespace, started: float) -> int:
         from jaxmyo.studies import figure
 
         out.mkdir(parents=True, exist_ok=True)
-        _say(f"{n} samples of the thin sample, constants: {options.set}; the first run compiles for a while.")
+        console.say(f"{n} samples of the thin sample, constants: {options.set}; the first run compiles for a while.")
         found = sample_study(SETS[options.set], given, stretch, out=out, progress=sys.stderr.isatty())
         if jax.process_index():
             return 0  # the first process writes
@@ -74,18 +72,18 @@ def run(options: argparse.Namespace, started: float) -> int:
         if len(options.a_over_D) > 1 and len(options.T0) > 1:
             files.append(figure.contours(out / "study.png", options.set, found, stretch))
         else:
-            _say("No contours: they need two or more values of both a/D and T0.")
+            console.say("No contours: they need two or more values of both a/D and T0.")
     except ModuleNotFoundError as error:
-        _say(str(checks.missing(error, "jaxmyo study needs", "'jaxmyo[study]'")))
+        console.say(str(checks.missing(error, "jaxmyo study needs", "'jaxmyo[study]'")))
         return 1
     except ValueError as error:
-        _say(str(error))
+        console.say(str(error))
         return 1
     except OSError as error:
-        _say(f"--out {out}: cannot write {error.filename or 'there'} ({error.strerror})")
+        console.say(f"--out {out}: cannot write {error.filename or 'there'} ({error.strerror})")
         return 1
     seconds = time.perf_counter() - started
-    _say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
+    console.say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
     if options.json:
         print(json.dumps(_result(found, options.set, stretch, files, seconds), allow_nan=False, indent=1))
     else:
@@ -108,13 +106,6 @@ def _result(found: Study, name: str, stretch: tuple[float, float], files: list[P
         "converged": int(found.converged.sum()),
         "failures": found.failures(),
         "files": [str(file) for file in files],
-        "versions": {
-            "python": platform.python_version(),
-            **{package: version(package) for package in ("jaxmyo", "jax", "jaxlib", "numpy", "scipy", "matplotlib")},
-        },
+        "versions": console.versions("jaxmyo", "jax", "jaxlib", "numpy", "scipy", "matplotlib"),
         "seconds": seconds,
     }
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

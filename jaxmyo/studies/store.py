@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo.files import whole
+from jaxmyo.files import remove_parts, whole
 
 FORMAT, VERSION = "jaxmyo study", 1
 MANIFEST, AXES = "study.json", "axes.npz"
@@ -59,8 +59,7 @@ class Store:
 
     def tidy(self) -> None:
         """Remove what killed runs left half-written; only where every chunk is there and nobody writes."""
-        for part in self.folder.glob(".*.part"):
-            part.unlink(missing_ok=True)
+        remove_parts(self.folder)
 
     def _path(self, k: int) -> Path:
         return self.folder / f"chunk-{k:06d}.npz"

@@ -4,13 +4,11 @@ import argparse
 import json
 import os
 import platform
-import sys
 import time
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from jaxmyo import checks
+from jaxmyo import checks, console
 from jaxmyo.tradeoff import extremes, output, report
 from jaxmyo.tradeoff.bodies import BODIES
 from jaxmyo.tradeoff.front import write
@@ -28,26 +26,28 @@ def run(options: argparse.Namespace, started: float) -> int:
         out.mkdir(parents=True, exist_ok=True)
         made = versions() | {"plan": "quick" if options.quick else "full"}
         store = Store(out / "points.jsonl", made)
-        _say(f"{len(BODIES)} bodies; every program is compiled anew in a process of its own, which takes a while.")
+        console.say(
+            f"{len(BODIES)} bodies; every program is compiled anew in a process of its own, which takes a while."
+        )
         for name in BODIES:
-            found.append(trade(name, options.quick, store, _say))
-        singles = [] if options.quick else extremes.rows(extremes.measured(out / "extremes.json", made, _say))
+            found.append(trade(name, options.quick, store, console.say))
+        singles = [] if options.quick else extremes.rows(extremes.measured(out / "extremes.json", made, console.say))
         files = [output.write_table(out / "tradeoff.csv", found)]
         pictures = {t.body.name: figures.draw(out / f"front_{t.body.name}.png", t) for t in found}
         files += pictures.values()
         files.append(write(out / "front.json", fronts(found), made))
         files.append(report.write(out / "report.md", found, pictures, made, singles))
     except ModuleNotFoundError as error:
-        _say(str(checks.missing(error, "jaxmyo tradeoff needs", "'jaxmyo[paper]'")))
+        console.say(str(checks.missing(error, "jaxmyo tradeoff needs", "'jaxmyo[paper]'")))
         return 1
     except ValueError as error:
-        _say(str(error))
+        console.say(str(error))
         return 1
     except OSError as error:
-        _say(f"--out {out}: cannot write {error.filename or 'there'} ({error.strerror})")
+        console.say(f"--out {out}: cannot write {error.filename or 'there'} ({error.strerror})")
         return 1
     seconds = time.perf_counter() - started
-    _say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
+    console.say(f"Written in {seconds:.1f} s: {', '.join(map(str, files))}")
     if options.json:
         result = {"bodies": output.summary(found), "files": [str(f) for f in files]}
         print(json.dumps(result | {"versions": made, "seconds": seconds}, allow_nan=False, indent=1))
@@ -73,9 +73,8 @@ def fronts(found: list[Trade]) -> dict[str, dict[str, Any]]:
 
 def versions() -> dict[str, str]:
     """What the numbers were measured with."""
-    packages = ("jaxmyo", "jax", "jaxlib", "numpy", "scipy")
     machine = f"{_processor()}, {os.cpu_count()} cores"
-    return {"python": platform.python_version(), **{p: version(p) for p in packages}, "machine": machine}
+    return console.versions("jaxmyo", "jax", "jaxlib", "numpy", "scipy") | {"machine": machine}
 
 
 def _processor() -> str:
@@ -84,7 +83,3 @@ def _processor() -> str:
         return next(line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxmyo.extrapolation import neville
 from jaxmyo.tradeoff.dials import Dials
 from jaxmyo.tradeoff.measure import Point
 
@@ -56,14 +57,6 @@ def counted(point: Point, points: Sequence[Point], truth: Truth, output: int = 0
     return max(own, error(plain, truth, output) + off) if off > ROUND_OFF else own
 
 
-def neville(values: Sequence[Sequence[float]], h: Sequence[float], order: float = 2.0) -> tuple[float, ...]:
-    """The value at h = 0 of the polynomial in h^order through the values on meshes of size h."""
-    table, x = [np.asarray(v, dtype=np.float64) for v in values], [size**order for size in h]
-    for m in range(1, len(table)):
-        table = [(x[j] * table[j + 1] - x[j + m] * table[j]) / (x[j] - x[j + m]) for j in range(len(values) - m)]
-    return tuple(float(v) for v in table[0])
-
-
 def extrapolated(points: Sequence[Point], most: int = 3) -> list[Point]:
     """Extrapolations over two, ... meshes, each twice as fine as the one before, with all other dials the same.
 
@@ -85,11 +78,11 @@ def extrapolated(points: Sequence[Point], most: int = 3) -> list[Point]:
 
 def _joined(parts: Sequence[Point]) -> Point:
     finest = parts[-1]
-    outputs = neville([p.outputs or () for p in parts], [1.0 / p.dials.elements for p in parts])
+    limits = neville([p.outputs or () for p in parts], [1.0 / p.dials.elements for p in parts])
     return replace(
         finest,
         dials=replace(finest.dials, extrapolated=len(parts)),
-        outputs=outputs,
+        outputs=tuple(map(float, limits)),
         seconds=sum(p.seconds for p in parts),
         cpu_seconds=sum(p.cpu_seconds for p in parts),
         cold_seconds=sum(p.cold_seconds for p in parts),

@@ -18,7 +18,7 @@ from jaxmyo import energies
 from jaxmyo.compiler import QUICK
 from jaxmyo.hexahedron import gauss
 from jaxmyo.invariants import I4, I6
-from jaxmyo.paper.exact_tube import Muscle
+from jaxmyo.paper.exact_tube import Muscle, tissue
 from jaxmyo.status import SolveError
 
 
@@ -40,13 +40,6 @@ def _newton_step(imbalance: Callable[[Array], Array], z: Array) -> Array:
     return -jnp.linalg.solve(jax.jacfwd(imbalance)(z), imbalance(z))
 
 
-def _tissue(C: Array, frame: Array, muscle: Muscle) -> Array:
-    """W* + ½ β T0 ln I4 [kPa]."""
-    beta = jnp.asarray(muscle.beta)
-    law = energies.lin_yin(C, frame, beta, muscle.constants)
-    return law + energies.beating(C, frame, beta * jnp.asarray(muscle.T0))
-
-
 def _left(C: Array, frame: Array, q: Array, muscle: Muscle) -> tuple[Array, Array]:
     """T_A^f, T_A^cf [kPa] that a weave with the multiplier q leaves."""
     i4, i6 = I4(C, frame), I6(C, frame)
@@ -57,7 +50,7 @@ def _left(C: Array, frame: Array, q: Array, muscle: Muscle) -> tuple[Array, Arra
 def _in_weave(C: Array, frame: Array, q: Array, muscle: Muscle) -> Array:
     """The Lagrangian density of state A [kPa]."""
     of_weave = energies.weave(I4(C, frame), I6(C, frame), q, muscle.a_over_D, muscle.softness)
-    return _tissue(C, frame, muscle) + of_weave
+    return tissue(C, frame, muscle) + of_weave
 
 
 class Sample(NamedTuple):
@@ -92,7 +85,7 @@ def _sample_stress(z: Array, stretch: Array, muscle: Muscle) -> Array:
 
     def energy(log: Array) -> Array:
         C = _sample_C(log)
-        return _tissue(C, jnp.eye(3), muscle) + energies.frozen_tensions(C, jnp.eye(3), *left)
+        return tissue(C, jnp.eye(3), muscle) + energies.frozen_tensions(C, jnp.eye(3), *left)
 
     return jax.grad(energy)(jnp.log(stretch))[0]
 
@@ -191,7 +184,7 @@ def _helix_step_C(z: Array, z_A: Array, wall: Array, muscle: Muscle, pressure: A
 
     def energy(z: Array) -> Array:
         def density(C: Array, frame: Array, T_f: Array, T_cf: Array) -> Array:
-            return _tissue(C, frame, muscle) + energies.frozen_tensions(C, frame, T_f, T_cf)
+            return tissue(C, frame, muscle) + energies.frozen_tensions(C, frame, T_f, T_cf)
 
         return weights @ jax.vmap(density)(_helix_C(z, wall, R), frame, *left)
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from jaxmyo.compiler import QUICK
 from jaxmyo.conditions import Pressure
+from jaxmyo.files import whole
 from jaxmyo.newton import Settings
 from jaxmyo.scenes import radial_tube
 from jaxmyo.scenes.tube import RI, RO
@@ -59,7 +60,8 @@ def measured(path: Path, versions: dict[str, str], say: Callable[[str], None]) -
         if done.returncode:
             raise ValueError(f"thin walls and states near rest in {precision}: {done.stderr.strip()[-500:]}")
         found[precision] = json.loads(done.stdout)
-    path.write_text(json.dumps({"versions": versions, "cases": found}), encoding="utf-8")
+    with whole(path) as beside:
+        beside.write_text(json.dumps({"versions": versions, "cases": found}), encoding="utf-8")
     return found
 
 
