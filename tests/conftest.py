@@ -25,6 +25,9 @@ from jaxmyo.compiler import QUICK
 #: The command `jaxmyo` with these arguments.
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
+#: Files that take a minute or more: first, so that both workers end together.
+LONG = ["test_readme.py", "test_tube.py", "test_sparse.py", "test_derivatives.py", "test_homogeneous.py"]
+
 CACHE = pytest.StashKey[str]()
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -52,7 +55,8 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What looks at the files of `jaxmyo paper` waits for its run of minutes."""
+    """What looks at the files of `jaxmyo paper` waits for its run of minutes; long files come first."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
     for item in items:
         if "paper_run" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)

@@ -142,6 +142,7 @@ def converged(found: tuple[Any, Any]) -> Any:
     return found[0]
 
 
+@pytest.mark.slow
 def test_forward_and_reverse() -> None:
     """By all inputs of the sample together, in one program: differences to 1e-7, forward against reverse to 1e-10."""
     solve, x, far = sample()

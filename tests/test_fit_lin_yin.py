@@ -53,6 +53,7 @@ def test_the_elements_are_the_closed_form(without_weave: Problem) -> None:
     np.testing.assert_allclose(fitting.unfitted(without_weave), exact, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_T0_alone(without_weave: Problem) -> None:
     found = fitting.fit(without_weave.without("passive"))
     T0 = found.estimates["T0"]

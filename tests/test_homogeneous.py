@@ -120,7 +120,7 @@ def test_tensions_are_frozen_into_the_loaded_state(points: Points) -> None:
     np.testing.assert_array_equal(points.c.T_cf, points.a.T_cf)
 
 
-@pytest.mark.parametrize("weave", [True, False])
+@pytest.mark.parametrize("weave", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_states_of_the_table(weave: bool) -> None:
     rows = [(r or 0.0, t) for r, t, _, _ in reference.PRINTED_TABLE if (r is not None) == weave]
     ratio, T0 = np.array(rows).T

@@ -32,7 +32,7 @@ def contract(**options: Any) -> jm.State:
     return jm.contract(scene(), T0=8.0, a_over_D=None, **options)
 
 
-@pytest.fixture(params=["dense", "sparse"])
+@pytest.fixture(params=[pytest.param("dense", marks=pytest.mark.slow), "sparse"])
 def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Small bodies are solved by dense matrices, large ones by sparse ones."""
     monkeypatch.setattr(solve, "LARGE", 0 if request.param == "sparse" else 1000)
