@@ -21,6 +21,9 @@ from jaxmyo.status import Status
 #: A path that ends so near to the limit point that its last states tell, in t, has come to it.
 NEAR_LIMIT = 1e-6
 
+#: A path that ends before this part of its load begins anew, with a load that grows more gently.
+EARLY = 1e-3
+
 
 class Solution(NamedTuple):
     """The end of a path: the last converged state and what was spent.
@@ -88,6 +91,7 @@ class _Path(NamedTuple):
     sign: Array  # of the determinant of the tangent
     stable: Array  # the last t before it first changed
     dt: Array
+    gentle: Array  # whether the path began anew
     reason: Array  # why the last step was rejected
     history: Array
     steps: Array
@@ -112,23 +116,29 @@ def follow(
 
     `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
     rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
-    load near rest, so the load then grows like t³.
+    load near rest, so the load then grows like t³. A path that comes to nothing begins anew more gently: its load was
+    many times what stiffness there is at its start.
     """
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
     z, start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, start, end))
 
-    def fraction(t: Array) -> Array:
-        return xp.where((t >= 1.0) | ~from_rest, t, 0.01 * t + 0.99 * t**3)
+    def linear_part(gentle: Array) -> Array:
+        return xp.where(gentle, 1e-4, xp.where(from_rest, 0.01, 1.0))
 
-    def inputs_at(t: Array) -> Inputs:
-        return between(xp, start, end, fraction(t))
+    def fraction(t: Array, gentle: Array) -> Array:
+        c = linear_part(gentle)
+        return xp.where(t >= 1.0, t, c * t + (1.0 - c) * t**3)
 
-    def tangent_of_path(found: newton.Iterate, t: Array) -> tuple[Array, Array]:
+    def inputs_at(t: Array, gentle: Array) -> Inputs:
+        return between(xp, start, end, fraction(t, gentle))
+
+    def tangent_of_path(found: newton.Iterate, t: Array, gentle: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
-        slope = xp.where(from_rest, 0.01 + 2.97 * t**2, 1.0)  # of `fraction`
+        c = linear_part(gentle)
+        slope = c + 3.0 * (1.0 - c) * t**2  # of `fraction`
         by_t = jax.tree.map(lambda a, b: slope * (b - a), start, end)
-        rate, speed = lin.rates(found.z, inputs_at(t), by_t, found.factors)
+        rate, speed = lin.rates(found.z, inputs_at(t, gentle), by_t, found.factors)
         known = xp.all(xp.isfinite(rate)) & (t < 1.0)
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
 
@@ -141,14 +151,14 @@ def follow(
         return further & (traced or not watch.is_over)
 
     def step(path: _Path) -> _Path:
-        at_start, first_step = path.t < 0.0, path.t <= 0.0
+        at_start, first_step, gentle = path.t < 0.0, path.t <= 0.0, path.gentle
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
         guess = path.z + taken * path.rate
         tolerance = xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
         stiffening = xp.where(at_start & moves, 1e-4, negligible(xp, z))
-        found = newton.solve(lin, guess, inputs_at(t), tolerance, stiffening, ~first_step, settings)
+        found = newton.solve(lin, guess, inputs_at(t, gentle), tolerance, stiffening, ~first_step, settings)
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
         aimed = path.speed * taken
@@ -158,8 +168,10 @@ def follow(
         # and to know the load.
         known = (found.status == Status.CONVERGED) & (near | at_start)
         sign = control.choose(known, lambda: found.factors.sign, lambda: path.sign)
-        far = (aimed > 0.05 * settings.move) | (fraction(t) - fraction(path.t) > 0.01)
-        passed = (sign != path.sign) & far
+        before = fraction(xp.maximum(path.t, 0.0), gentle)
+        far = (aimed > 0.05 * settings.move) | (fraction(t, gentle) - before > 0.01)
+        # Several branches may begin at rest, where soft tissue has no stiffness; one that keeps the sign is stable.
+        passed = (sign != path.sign) & (far | first_step)
         good = known & (~passed | at_start)
         if not traced:
             status = Status(int(found.status)).name if good or found.status else "BRANCH_LEFT"
@@ -171,7 +183,7 @@ def follow(
 
         def further() -> _Path:
             nothing = xp.zeros_like(found.z), xp.array(0.0)
-            rate, speed = control.choose(t < 1.0, lambda: tangent_of_path(found, t), lambda: nothing)
+            rate, speed = control.choose(t < 1.0, lambda: tangent_of_path(found, t, gentle), lambda: nothing)
             # Aim at half of the correction that is accepted.
             within = xp.maximum(0.5 * aimed, 0.05 * settings.move)
             growth = xp.clip(0.5 * within / xp.maximum(off, 1e-12), 0.1, 10.0)
@@ -195,7 +207,11 @@ def follow(
         def again() -> _Path:
             failed = xp.where(found.status == Status.CONVERGED, Status.BRANCH_LEFT, found.status)
             retry = xp.where(at_start, 0.0, 0.25 * taken)
-            return spent._replace(dt=retry, reason=failed, rejected=path.rejected + 1)
+            shorter = spent._replace(dt=retry, reason=failed, rejected=path.rejected + 1)
+            counts = {name: getattr(shorter, name) for name in ("steps", "rejected", "iterations", "reason")}
+            anew = first._replace(gentle=xp.array(True), **counts)
+            early = (retry < settings.min_step) & (before < EARLY) & ~at_start & ~gentle
+            return control.choose(early, lambda: anew, lambda: shorter)
 
         return control.choose(good, further, again)
 
@@ -210,6 +226,7 @@ def follow(
         sign=0.0 * one,
         stable=one,
         dt=one,
+        gentle=xp.array(False),
         reason=xp.array(Status.SINGULAR),
         history=xp.zeros(settings.max_iterations + 1),
         steps=none,
@@ -218,7 +235,7 @@ def follow(
     )
     with watch:
         last = control.loop(keep_going, step, newton.batched_as(valid, first))
-    reached = fraction(xp.maximum(last.t, 0.0))
+    reached = fraction(xp.maximum(last.t, 0.0), last.gentle)
     negative, zeros = lin.inertia(last.at, last.z)
     beyond = last.pace.to_limit(xp, last.t, last.speed)
     ended = xp.where(beyond <= NEAR_LIMIT, Status.LIMIT_POINT, last.reason)
@@ -238,7 +255,7 @@ def follow(
         history=last.history,
         negative=xp.where(valid, negative, -1),
         zero=xp.where(valid, zeros, -1),
-        stable_until=xp.where(last.stable >= 1.0, 1.0, fraction(last.stable)),
+        stable_until=xp.where(last.stable >= 1.0, 1.0, fraction(last.stable, last.gentle)),
         work=lin.work,
     )
     return solution, last.at.K
