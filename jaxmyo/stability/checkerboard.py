@@ -1,8 +1,8 @@
 """Checkerboards of p and q, and how they go: a sheet of muscle whose fibres turn, on finer and finer meshes.
 
-A sheet of 10 × 10 × 1 mm is contracted freely. Its fibres are along x on the planes of symmetry x = 0 and y = 0, and
-turn by up to `TURN` degrees towards the corner between the free edges, so that p, q and the tensions vary smoothly, and
-nothing varies through the thickness.
+A sheet of 10 × 10 × 1 mm is contracted freely, then stretched by 1.2 along x. Its fibres are along x on the planes of
+symmetry x = 0 and y = 0, and turn by up to `TURN` degrees towards the corner between the other edges, so that p, q and
+the tensions vary smoothly, and nothing varies through the thickness.
 """
 
 from collections.abc import Callable
@@ -12,17 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo.conditions import Proportional, Symmetry, Uniform
+from jaxmyo.conditions import Proportional, Stretch, Symmetry, Uniform
 from jaxmyo.constants import TABLE1
 from jaxmyo.energies import lin_yin
 from jaxmyo.mesh import Mesh, box
 from jaxmyo.patches import blocks
 from jaxmyo.scene import Scene
-from jaxmyo.solve import contract
+from jaxmyo.solve import contract, load
 from jaxmyo.stability.independent import Array
 from jaxmyo.status import Status
 
-LENGTH, TURN = 10.0, 60.0  # mm, degrees
+LENGTH, TURN, STRETCH = 10.0, 60.0, 1.2  # mm, degrees, –
 T0, A_OVER_D = 2.0, 0.2  # kPa, –
 #: Cells along an edge over whose means fields on different meshes are compared.
 CELLS = 8
@@ -41,6 +41,7 @@ CURE = "p per 2×2 block, q per 16th"
 class Sheet(NamedTuple):
     """A contracted sheet of n × n elements: fields (n, n) [kPa], x along the first axis, and its status.
 
+    cauchy: along x; cauchy_C: of the stretched sheet, NaN where that was not found;
     rough_p, rough_q: root mean square of what differs from the mean of neighbouring patches [kPa], see `roughness`.
     """
 
@@ -52,6 +53,7 @@ class Sheet(NamedTuple):
     T_f: Array
     T_cf: Array
     cauchy: Array
+    cauchy_C: Array
     rough_p: float
     rough_q: float
     negative_eigenvalues: int
@@ -74,6 +76,10 @@ def sheet(kind: str, n: int) -> Sheet:
         q_patches,
     )
     A = contract(scene, T0=T0, a_over_D=A_OVER_D, throw=False)
+    loaded = np.full((n, n), np.nan)
+    if A.converged:
+        C = load(A, Stretch("x", STRETCH), throw=False)
+        loaded = np.where(C.converged, C.cauchy[:, :, 0, 0].mean(axis=1).reshape(n, n), loaded)
     of_p, of_q = np.asarray(A.p)[scene.p_patches], np.asarray(A.q)[scene.q_patches]
     p, q, T_f, T_cf, cauchy = (
         np.asarray(field).reshape(n, n)
@@ -81,7 +87,8 @@ def sheet(kind: str, n: int) -> Sheet:
     )
     sizes = [1 if patches is None else 2 for patches in (p_patches, q_patches)]
     rough = [roughness(field[::size, ::size]) for field, size in zip((p, q), sizes, strict=True)]
-    return Sheet(kind, n, int(A.status), p, q, T_f, T_cf, cauchy, rough[0], rough[1], int(A.negative_eigenvalues))
+    negative = int(A.negative_eigenvalues)
+    return Sheet(kind, n, int(A.status), p, q, T_f, T_cf, cauchy, loaded, rough[0], rough[1], negative)
 
 
 def roughness(field: Array) -> float:
@@ -103,7 +110,7 @@ def orders(sheets: list[Sheet], field: str) -> tuple[list[float], float]:
     Of the means over `CELLS`² cells. The order is log2 of the ratio of the last two differences; NaN where some failed.
     """
     means = [_means(getattr(s, field)) for s in sheets]
-    if any(s.status != Status.CONVERGED for s in sheets):
+    if any(s.status != Status.CONVERGED for s in sheets) or not np.isfinite(means).all():
         return [], float("nan")
     size = np.sqrt(np.mean(means[-1] ** 2))
     differences = [float(np.sqrt(np.mean((a - b) ** 2)) / size) for a, b in pairwise(means)]

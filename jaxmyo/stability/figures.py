@@ -49,6 +49,7 @@ def checkerboards(path: Path, sheets: Sequence[Sheet]) -> Path:
             image = ax.imshow(getattr(one, name).T, origin="lower", extent=(0, 10, 0, 10), vmin=low, vmax=high)
             figure.colorbar(image, ax=ax, shrink=0.8, extend="both")
             ax.set_title(f"{name} [kPa], {one.kind}", fontsize=9)
+            ax.set(xlabel="x [mm]", ylabel="y [mm]")
     figure.suptitle(f"Contracted sheet of {n} × {n} elements, fibres that turn by up to 60°", fontsize=11)
     return style.save(figure, path)
 

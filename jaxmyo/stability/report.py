@@ -21,7 +21,7 @@ CAPTIONS = {
     "maps": "Maps of the extremes: the status at each point.",
 }
 #: Fields of the sheet whose convergence is measured.
-FIELDS = ["p", "q", "T_f", "T_cf", "cauchy"]
+FIELDS = ["p", "q", "T_f", "T_cf", "cauchy", "cauchy_C"]
 
 
 class Results(NamedTuple):
