@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from typing import Any
 
@@ -119,7 +119,7 @@ def converge(
         try:
             state = attempt(n, settings)
             if not bool(state.converged):
-                raise SolveError(state.message, state)
+                raise SolveError(partial(getattr, state, "message"), state)
             meshes, values = [*meshes, n], [*values, _number(output, state, n)]
         except SolveError:
             if last:

@@ -104,7 +104,8 @@ def cycle(
         for name, states in (("A", A), ("C", C)):
             if not bool(jnp.all(states.converged)):
                 k = int(np.argmin(np.asarray(states.converged)))
-                raise SolveError(f"state {name} at s = {times[k]:g}: {states[k].message}", states[k])
+                where, failed = f"state {name} at s = {times[k]:g}", states[k]
+                raise SolveError(lambda: f"{where}: {failed.message}", failed)  # noqa: B023 - the loop ends here
     return Cycle(times, A, C)
 
 

@@ -325,7 +325,7 @@ def _solve(
     s = follow(system, z, start, end, valid, jnp.array(from_rest), settings)
     state = as_state(scene, _fixed(system, s.status != Status.CONVERGED), s, tuple(conditions))
     if throw and not checks.is_traced(s.status) and not bool(state.converged):
-        raise SolveError(state.message + constraints.at_failure(system, s.z, s.inputs), state)
+        raise SolveError(lambda: state.message + constraints.at_failure(system, s.z, s.inputs), state)
     return state
 
 

@@ -1,5 +1,6 @@
 """What a solve says of itself: a status per solve (an integer under `vmap`), its meaning, and what to try."""
 
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
@@ -80,8 +81,18 @@ class SingularError(RuntimeError):
 
 
 class SolveError(RuntimeError):
-    """A solve did not reach its load. `.state` holds the last converged step with its status."""
+    """A solve did not reach its load. `.state` holds the last converged step with its status.
 
-    def __init__(self, message: str, state: object) -> None:
+    A message may be a function: to say where the material is weakest takes seconds, which only a reader should wait.
+    """
+
+    def __init__(self, message: str | Callable[[], str], state: object) -> None:
         super().__init__(message)
         self.state = state
+
+    def __str__(self) -> str:
+        (message,) = self.args
+        if callable(message):
+            message = message()
+            self.args = (message,)
+        return str(message)

@@ -183,6 +183,12 @@ def test_the_store_goes_on_where_it_stood(tmp_path: Path) -> None:
     assert again.points == store.points
     assert again.of("radial", [point.dials]) == [point]
     assert again.of("block", [point.dials]) == []
+    with path.open("a", encoding="utf-8") as file:
+        file.write('{"body": "rad')  # a run that was killed while it wrote
+    cut = Store(path, versions)
+    assert cut.points == store.points
+    cut.keep(point)
+    assert Store(path, versions).points == [*store.points, point]
     assert Store(path, {"jax": "2"}).points == []
 
 

@@ -16,7 +16,11 @@ class Store:
     def __init__(self, path: Path, versions: dict[str, str]) -> None:
         self.path = path
         self.points: list[Point] = []
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        if whole != text:  # the run was killed while it wrote a line
+            path.write_text(whole, encoding="utf-8")
+        lines = whole.splitlines()
         if lines and json.loads(lines[0]) == versions:
             self.points = [_point(json.loads(line)) for line in lines[1:]]
         else:
