@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from jaxmyo import checks, control, progress
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Dense, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.scene import Scene
@@ -33,6 +32,7 @@ from jaxmyo.solve import DEFAULT, Problem, as_state, problem
 from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
 from jaxmyo.status import MEANING, SolveError, Status
+from jaxmyo.system import Inputs, System
 
 #: Strain that a change of the load factor by 1 counts as, over the largest strain of a step: the factor of a body that
 #: does not move changes by 0.1 per step.

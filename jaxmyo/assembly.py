@@ -19,8 +19,8 @@ import scipy.sparse as sp
 from jax import Array
 
 from jaxmyo import compiler, lagrangian, surface
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.pattern import UPPER, Floats, Ints, pattern
+from jaxmyo.system import Inputs, System
 
 CHUNK = 1024  # elements per call
 BLOCK = 128  # elements whose intermediates stay in cache together

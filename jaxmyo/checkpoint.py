@@ -15,8 +15,8 @@ import numpy as np
 from jaxmyo import restart
 from jaxmyo.continuation import Solution
 from jaxmyo.fingerprint import fingerprint, hash_of
-from jaxmyo.lagrangian import Inputs
 from jaxmyo.scene import Scene
+from jaxmyo.system import Inputs
 
 FORMAT, VERSION = "jaxmyo cycle", 1
 

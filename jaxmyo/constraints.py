@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from jaxmyo import checks, lagrangian
 from jaxmyo.coordinates import evaluate
 from jaxmyo.invariants import weave_h
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
+from jaxmyo.system import Inputs, System
 
 _CHEAP = 3e8  # operations of the singular values, well below a second
 _ZERO = 1e-9  # singular values of normalised rows, relative to the largest

@@ -13,10 +13,10 @@ import jax
 from jax import Array
 
 from jaxmyo import checks, control, newton, progress
-from jaxmyo.lagrangian import Inputs
 from jaxmyo.linear import At, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.status import Status
+from jaxmyo.system import Inputs
 
 #: A path that ends so near to the limit point that its last states tell, in t, has come to it.
 NEAR_LIMIT = 1e-6

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import lagrangian
 from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Stretch, Uniform
 from jaxmyo.coordinates import evaluate
 from jaxmyo.factor import chosen
-from jaxmyo.lagrangian import System
 from jaxmyo.linear import Dense
 from jaxmyo.scene import Scene
 from jaxmyo.solve import LARGE
+from jaxmyo.system import System
 
 # Seconds of one core of an Intel Xeon (Lin–Yin law, dense: `Dense.at`, `linear.factors`, `Dense.inertia`; sparse: the
 # block of the README), measured on bodies of 5 to 904 unknowns, and of 13,000 to 101,000. They hold within a factor of
@@ -106,7 +105,7 @@ def _stays_homogeneous(scene: Scene) -> bool:
     if len(mesh.cells) == 1 and max(scene.orders) == 1:
         return False
     directions = scene.frame.reshape(-1, 9)
-    system = lagrangian.build(scene, scene.kinematics(()), weave=False, surfaces={}, large=True)
+    system = System.of(scene, scene.kinematics(()), weave=False, surfaces={}, large=True)
     box = float(np.prod(np.ptp(points, axis=0)))
     if np.ptp(directions, axis=0).max() > 1e-9 or abs(float(np.sum(system.weight)) - box) > 1e-9 * box:
         return False
@@ -131,7 +130,7 @@ def _is_zero(value: object) -> bool:
 def _along_axes(scene: Scene) -> list[str]:
     """Gauss points, and elements, along axes in which nothing varies."""
     mesh, found = scene.mesh, []
-    system = lagrangian.build(scene, scene.kinematics(()), weave=False, surfaces={})
+    system = System.of(scene, scene.kinematics(()), weave=False, surfaces={})
     fields = [f.reshape(len(mesh.cells), *scene.orders, -1) for f in _what_varies(scene, system)]
     axes = mesh.coordinates.axes
     points = [a for k, a in enumerate(axes) if scene.orders[k] > 1 and all(_same(f, 1 + k) for f in fields)]

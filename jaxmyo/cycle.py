@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.solve import DEFAULT, as_state, contraction, follow, held, loading, unknowns
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
+from jaxmyo.system import Inputs, System
 from jaxmyo.ties import Ties
 
 

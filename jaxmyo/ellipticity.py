@@ -22,7 +22,7 @@ from jax import Array
 from jaxmyo import checks, lagrangian
 from jaxmyo.coordinates import CARTESIAN
 from jaxmyo.energies import Kind
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.system import Inputs, System
 
 #: Directions on a half sphere that are looked at, and bands of them from each of which the best one is refined.
 DIRECTIONS, BANDS = 256, 8

@@ -17,11 +17,11 @@ from jax.custom_derivatives import SymbolicZero
 from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse
 from jaxmyo.compiler import LEAN
 from jaxmyo.continuation import Solution
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import Dense
 from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.sparse import Sparse
 from jaxmyo.status import SingularError, Status
+from jaxmyo.system import Inputs, System
 
 
 def follow(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmyo import checks, lagrangian, tiny
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.system import Inputs, System
 
 
 class Scales(NamedTuple):

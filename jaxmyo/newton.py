@@ -16,9 +16,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmyo import checks, control, progress
-from jaxmyo.lagrangian import Inputs
 from jaxmyo.linear import At, negligible
 from jaxmyo.status import Status
+from jaxmyo.system import Inputs
 
 #: The linear algebra of a system: `Dense` inside JAX, `Sparse` outside.
 Linear = Any

@@ -8,7 +8,7 @@ from jaxmyo import lagrangian, surface
 from jaxmyo.coordinates import CARTESIAN
 from jaxmyo.energies import weave
 from jaxmyo.invariants import I4, I6
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.system import Inputs, System
 
 
 def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs: Inputs) -> Array:

@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import checks, lagrangian
+from jaxmyo import checks
 from jaxmyo.conditions import BodyForce, Pressure, Spring, Traction
 from jaxmyo.files import whole
 from jaxmyo.fingerprint import fingerprint
-from jaxmyo.lagrangian import Geometry, Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
+from jaxmyo.system import Geometry, Inputs, System
 from jaxmyo.ties import Ties
 
 FORMAT, VERSION = "jaxmyo state", 3  # another version wherever the fields of State or Inputs change
@@ -113,7 +113,7 @@ def _system(
     quads = {kind: np.asarray(q) for kind, q in surfaces.items()}
     walls = [np.asarray(wall) for wall in cavities]
     own = geometry and Geometry(*map(np.asarray, geometry))  # type: ignore[arg-type]
-    built = lagrangian.build(scene, ties, weave=weave, surfaces=quads, cavities=walls, large=large, geometry=own)
+    built = System.of(scene, ties, weave=weave, surfaces=quads, cavities=walls, large=large, geometry=own)
     system = jax.tree.map(jnp.asarray, built)
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), system) if batch else system
 

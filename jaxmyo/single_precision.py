@@ -13,10 +13,10 @@ from jax import Array
 
 from jaxmyo import continuation
 from jaxmyo.continuation import Solution
-from jaxmyo.lagrangian import Inputs
 from jaxmyo.linear import Dense
 from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.status import Status
+from jaxmyo.system import Inputs
 
 #: The relative residual that a path in float32 aims at, unless `Settings.tolerance` is larger [–].
 TOLERANCE = 1e-5

@@ -16,13 +16,13 @@ from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape_gradient
 from jaxmyo.implicit import follow
-from jaxmyo.lagrangian import Geometry, Inputs, System
 from jaxmyo.linear import Dense
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
+from jaxmyo.system import Geometry, Inputs, System
 from jaxmyo.ties import Ties
 
 DEFAULT = Settings()
@@ -184,8 +184,8 @@ def contraction(
     surfaces, springs = surface.build(scene.mesh, scene.springs)
     large = _is_large(ties, T0_, beta_, a_over_D_, constants, geometry)
     kinds: Any = {"weave": a_over_D is not None, "surfaces": surfaces, "large": large}
-    system = lagrangian.build(scene, ties, **kinds, geometry=geometry)
-    at_rest = lagrangian.build(scene, scene.kinematics(()), **kinds) if checks.is_traced(geometry) else system
+    system = System.of(scene, ties, **kinds, geometry=geometry)
+    at_rest = System.of(scene, scene.kinematics(()), **kinds) if checks.is_traced(geometry) else system
     constraints.check_at_rest(scene, at_rest, a_over_D, soft=weave_stiffness is not None)
     system = jax.tree.map(jnp.asarray, system)
     tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
@@ -221,7 +221,7 @@ def loading(
 ) -> System:
     """The system of a state C, dense if any of its inputs is traced; walls: of cavities of prescribed volume."""
     kinds: Any = {"weave": False, "surfaces": surfaces, "cavities": walls, "large": _is_large(ties, traced, geometry)}
-    system = lagrangian.build(scene, ties, **kinds, geometry=geometry)
+    system = System.of(scene, ties, **kinds, geometry=geometry)
     if not checks.is_traced((geometry, ties.scale)):
         constraints.check_at_rest(scene, system, None, soft=False)
     return jax.tree.map(jnp.asarray, system)

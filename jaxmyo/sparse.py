@@ -26,10 +26,10 @@ from threadpoolctl import ThreadpoolController
 from jaxmyo import checks, factor, lagrangian, linear
 from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.linear import At, Scales
 from jaxmyo.pattern import distinct, same_components, upper_diagonals
 from jaxmyo.status import SingularError
+from jaxmyo.system import Inputs, System
 from jaxmyo.ties import rigid_unknowns
 
 EXACT = 1e-10  # relative residual of the linear systems of derivatives, at most [–]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from jaxmyo import checks, ellipticity, lagrangian, outputs, surface
 from jaxmyo.conditions import Load, Spring
-from jaxmyo.lagrangian import Inputs, System
 from jaxmyo.scene import Scene
 from jaxmyo.status import Status, explain
+from jaxmyo.system import Inputs, System
 
 #: The fields at the quadrature points that `State.mean` averages.
 FIELDS = ["F", "C", "stretches", "second_piola_kirchhoff", "cauchy", "cauchy_fibre", "T_f", "T_cf"]

@@ -19,7 +19,7 @@ import jaxmyo as jm
 from jaxmyo import lagrangian, outputs, surface, ties
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.system import Inputs, System
 
 FOCUS = 20.0  # mm
 PROLATE = jm.prolate_spheroidal(FOCUS)
@@ -184,7 +184,7 @@ def scene(mesh: jm.Mesh, **arguments: Any) -> jm.Scene:
 
 def unsupported(s: jm.Scene, *, weave: bool = False, surfaces: Any = None) -> System:
     """The system of all nodal displacements: z[: n_u] is u."""
-    return lagrangian.build(s, ties.build(s.mesh, ()), weave=weave, surfaces=surfaces or {})
+    return System.of(s, ties.build(s.mesh, ()), weave=weave, surfaces=surfaces or {})
 
 
 def no_inputs(system: System, constants: Any) -> Inputs:
@@ -501,7 +501,7 @@ def sphere(n: int) -> jm.Scene:
 def newton(s: jm.Scene, load: jm.Pressure, u: np.ndarray) -> tuple[System, np.ndarray, Inputs]:
     """The equilibrium z near the unknowns u, in numpy on the residual of the package and its differences."""
     surfaces, loads = surface.build(s.mesh, (load,))
-    system = lagrangian.build(s, s.kinematics(()), weave=False, surfaces=surfaces)
+    system = System.of(s, s.kinematics(()), weave=False, surfaces=surfaces)
     inputs = no_inputs(system, s.constants)._replace(loads=loads)
     z = np.concatenate([u, np.zeros(system.n_p)])
     for _ in range(8):

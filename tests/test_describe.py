@@ -16,6 +16,7 @@ from jaxmyo.coordinates import CYLINDRICAL
 from jaxmyo.cost import cost
 from jaxmyo.mesh import structured
 from jaxmyo.solve import contraction
+from jaxmyo.system import System
 
 
 def lines(scene: jm.Scene) -> dict[str, list[str]]:
@@ -78,7 +79,7 @@ def test_coordinates_and_law(named: Any) -> None:
 def test_unknowns_are_those_of_the_system(named: Any) -> None:
     _, scene = named
     ties = scene.kinematics(())
-    system = lagrangian.build(scene, ties, weave=True, surfaces={})
+    system = System.of(scene, ties, weave=True, surfaces={})
     said = lines(scene)
     got = re.fullmatch(r"(\d+) unknown of (\d+) nodal ones \((.*)\)", said["displacements"][0])
     assert got is not None
@@ -216,8 +217,8 @@ def test_the_cost_counts_unknowns_and_points(named: Any) -> None:
     _, scene = named
     (words,) = lines(scene)["cost"]
     ties = scene.kinematics(())
-    A = lagrangian.build(scene, ties, weave=True, surfaces={})
-    C = lagrangian.build(scene, ties, weave=False, surfaces={})
+    A = System.of(scene, ties, weave=True, surfaces={})
+    C = System.of(scene, ties, weave=False, surfaces={})
     assert words.startswith(f"{A.size} unknowns in state A with the weave, else {C.size} (dense LU); ")
     assert f"differentiated twice: {A.weight.size};" in words
     assert re.search(r"by estimate [0-9.e-]+ ms per Newton iteration \(elements \d+%, factors \d+%\)", words)

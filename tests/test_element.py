@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import jaxmyo as jm
 from jaxmyo import lagrangian, outputs, ties
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo.system import Inputs, System
 
 T0, A_OVER_D, BETA = 20.0, 0.2, 0.7
 residual_of = jax.jit(lagrangian.residual)
@@ -50,7 +50,7 @@ def body(weave: bool, measure: str | None = None) -> Body:
     fibre, cross = frames(len(mesh.cells))
     scene = jm.Scene(mesh, jm.lin_yin, jm.TABLE1, fibre, cross, (jm.Homogeneous(),))
     surfaces = {measure: np.concatenate([mesh.face("x1"), mesh.face("z0")])} if measure else {}
-    system = lagrangian.build(scene, ties.build(mesh, ()), weave=weave, surfaces=surfaces)
+    system = System.of(scene, ties.build(mesh, ()), weave=weave, surfaces=surfaces)
     rng = np.random.default_rng(5)
     u = 0.08 * rng.standard_normal(mesh.points.size)
     z = np.concatenate([u, rng.uniform(-3.0, 3.0, system.size - u.size)])
@@ -224,7 +224,7 @@ def test_rigid_motion_is_no_deformation() -> None:
 def test_weights_sum_to_the_volume() -> None:
     for order in (1, 2, 3, 4):
         scene = jm.thin_sample(elements=(3, 2, 2), distortion=0.2, quadrature=order)
-        system = lagrangian.build(scene, scene.kinematics(()), weave=True, surfaces={})
+        system = System.of(scene, scene.kinematics(()), weave=True, surfaces={})
         assert system.weight.shape == (12, order**3)
         assert (np.asarray(system.weight) > 0.0).all()
         if order > 1:  # det J of a distorted hexahedron is a polynomial that one point does not integrate
@@ -263,7 +263,7 @@ def test_patch_a_homogeneous_state_is_in_equilibrium_on_any_mesh(weave: bool, or
     mesh = jm.Mesh(mesh.points + np.where(inner[:, None], shift, 0.0), mesh.cells, mesh.faces)
     supports = tuple(jm.Symmetry(axis) for axis in ("x", "y", "z"))
     scene = jm.Scene(mesh, jm.lin_yin, jm.TABLE1, supports=supports, quadrature=order)
-    system = lagrangian.build(scene, ties.build(mesh, ()), weave=weave, surfaces={})
+    system = System.of(scene, ties.build(mesh, ()), weave=weave, surfaces={})
     a = reference.free_contraction(reference.SETS["table1"], 35.0, 0.2 if weave else None, 1.0)
     n_e = len(mesh.cells)
     z = np.concatenate([((a.stretches - 1.0) * mesh.points).ravel(), np.full(n_e, a.p), np.full(n_e * weave, a.q)])

@@ -12,8 +12,8 @@ from support import sample
 from test_element import central, residual_of
 
 import jaxmyo as jm
-from jaxmyo import constraints, lagrangian, patches
-from jaxmyo.lagrangian import Inputs, System
+from jaxmyo import constraints, patches
+from jaxmyo.system import Inputs, System
 
 # ----------------------------------------------------------------------------------------------------- who shares
 
@@ -163,7 +163,7 @@ def fixed_all_round(axes: str = "xyz") -> tuple[jm.Displacement, ...]:
 
 
 def built(scene: jm.Scene, weave: bool) -> System:
-    return lagrangian.build(scene, scene.kinematics(()), weave=weave, surfaces={})
+    return System.of(scene, scene.kinematics(()), weave=weave, surfaces={})
 
 
 def check(scene: jm.Scene, a_over_D: float | None = 0.2, *, soft: bool = False) -> None:

@@ -13,10 +13,10 @@ from support import sample
 from test_element import residual_and_tangent_of, residual_of
 
 import jaxmyo as jm
-from jaxmyo import implicit, lagrangian, surface
+from jaxmyo import implicit, surface
 from jaxmyo.coordinates import Coordinates
-from jaxmyo.lagrangian import Inputs
 from jaxmyo.status import Status
+from jaxmyo.system import Inputs, System
 
 KINDS = [kind for kind in surface.FORCES if kind != "body"]
 SYMMETRIC = {"nominal", "closed", "spring", "normal spring"}
@@ -531,7 +531,7 @@ def test_a_block_on_springs(P: float) -> None:
     """Newton in numpy, on the residual and the tangent of the package."""
     s = block_on_springs()
     quads, loads = surface.build(s.mesh, (*s.springs, jm.Traction("x1", (P, 0.0, 0.0))))
-    system = lagrangian.build(s, s.kinematics(()), weave=False, surfaces=quads)
+    system = System.of(s, s.kinematics(()), weave=False, surfaces=quads)
     none, zero = jnp.zeros(system.weight.shape), jnp.zeros(())
     inputs = Inputs((s.constants,), *[zero] * 4, none, none, jnp.zeros(24), loads, jnp.zeros(0), jnp.zeros(system.size))
     z = np.zeros(system.size)

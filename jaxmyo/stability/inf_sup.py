@@ -19,8 +19,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from jaxmyo import constraints, lagrangian
+from jaxmyo import constraints
 from jaxmyo.scene import Scene
+from jaxmyo.system import System
 
 #: Eigenvalues below this part of the largest are zero [–].
 ZERO = 1e-10
@@ -46,7 +47,7 @@ class InfSup:
     @classmethod
     def of(cls, scene: Scene, a_over_D: float = 0.2) -> "InfSup":
         """Of a scene's mesh, fibres and supports. Its own patches have no part in it."""
-        system = lagrangian.build(scene, scene.kinematics(()), weave=True, surfaces={})
+        system = System.of(scene, scene.kinematics(()), weave=True, surfaces={})
         assert system.gradient is not None
         assert system.local_u is not None
         weight, own, gradient = (np.asarray(x) for x in (system.weight, system.local_u, system.gradient))

@@ -1,0 +1,227 @@
+"""The discrete problem of one state: what drives it, its unknowns, and what is known of each Gauss point."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxmyo import checks
+from jaxmyo.coordinates import Coordinates, evaluate
+from jaxmyo.energies import Kind
+from jaxmyo.hexahedron import gauss, shape, shape_gradient
+from jaxmyo.scene import Scene
+from jaxmyo.ties import Ties
+
+
+class Inputs(NamedTuple):
+    """What a path of states is driven by. Every leaf may change along the path and may be differentiated.
+
+    constants: the constants of each kind of material; T0 [kPa]; a_over_D [–]; beta [–]; softness: 1/k of the weave
+    [1/kPa], 0 for an exact constraint; T_f, T_cf: (n_elements, n_points) tensions left by state A [kPa]; offset:
+    (n_dof,) prescribed displacements [mm, rad]; loads: kind → values on the quads of `System.surfaces` [kPa, kPa/mm];
+    volumes: (n_cavities,) that the cavities enclose [mm³]; imbalance: (size,) residual of the state that the path
+    starts from, which fades along it.
+    """
+
+    constants: tuple[Any, ...]
+    T0: Array
+    a_over_D: Array
+    beta: Array
+    softness: Array
+    T_f: Array
+    T_cf: Array
+    offset: Array
+    loads: Mapping[str, Array]
+    volumes: Array
+    imbalance: Array
+
+
+class Geometry(NamedTuple):
+    """What takes the place of the scene's: points (n_nodes, 3) Θ [mm, rad]; frame (n_elements, n_points, 3, 3)."""
+
+    points: Array
+    frame: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class System:
+    """The discrete problem of one state: geometry and bookkeeping, no material parameter and no load.
+
+    The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave), the pressures
+    in cavities of prescribed volume (n_cavities)].
+
+    columns: (n_elements, n_points, 9 or 12, n_local) derivatives of H (9), and in curved coordinates of θ (3), by the
+    local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest; local_u:
+    (n_elements, n_local) the displacements in z that an element feels; these three are None for a large body;
+    local_multipliers: (n_elements, 1 or 2) positions in z of the element's p and q; material: (n_elements,) which of
+    the `kinds` an element is made of; weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3);
+    N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points,
+    3) Θ and 1/g(Θ); cells: (n_elements, 8); tie_index, tie_scale: (n_dof,); surfaces: kind of load → (n_quads, 4), or
+    (n, 8) hexahedra; cavities: the walls (n_quads, 4) of each; points: (n_nodes, 3) Θ [mm, rad]; own_geometry: whether
+    points and frame are not the scene's.
+    """
+
+    kinds: tuple[Kind, ...] = field(metadata={"static": True})
+    coordinates: Coordinates = field(metadata={"static": True})
+    weave: bool = field(metadata={"static": True})
+    n_u: int = field(metadata={"static": True})
+    n_p: int = field(metadata={"static": True})
+    n_q: int = field(metadata={"static": True})
+    own_geometry: bool = field(metadata={"static": True})
+    columns: Array | None
+    gradient: Array | None
+    weight: Array
+    frame: Array
+    local_u: Array | None
+    local_multipliers: Array
+    material: Array
+    N: Array
+    dN: Array
+    theta: Array
+    inverse_g: Array
+    cells: Array
+    tie_index: Array
+    tie_scale: Array
+    surfaces: Mapping[str, Array]
+    cavities: tuple[Array, ...]
+    points: Array
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.n_u + self.n_p + self.n_q + len(self.cavities)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether its matrices are dense."""
+        return self.columns is not None
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """The geometry, if it is not the scene's."""
+        return Geometry(self.points, self.frame) if self.own_geometry else None
+
+    @property
+    def multipliers(self) -> int:
+        """Multipliers that an element feels: p, and q where the weave acts."""
+        return 2 if self.weave else 1
+
+    def pressures(self, z: Any) -> Any:
+        """The pressures (n_cavities,) in cavities of prescribed volume [kPa]."""
+        return z[self.n_u + self.n_p + self.n_q :]
+
+    def displacements(self, z: Array, inputs: Inputs) -> Array:
+        """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
+        return _displacements(self, z, inputs.offset)
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        ties: Ties,
+        *,
+        weave: bool,
+        surfaces: Mapping[str, np.ndarray],
+        cavities: Sequence[np.ndarray] = (),
+        large: bool = False,
+        geometry: Geometry | None = None,
+    ) -> "System":
+        """The discrete problem of a scene under its ties; surfaces, cavities: as in `System`.
+
+        In NumPy, unless the ties or the geometry are traced.
+        """
+        mesh, coordinates = scene.mesh, scene.mesh.coordinates
+        points, frame = geometry or Geometry(mesh.points, scene.frame)  # type: ignore[arg-type]
+        xp = jnp if checks.is_traced((points, frame, ties.scale)) else np
+        xi, w = gauss(*scene.orders)
+        N, dxi = shape(xi), shape_gradient(xi)
+        jacobian = xp.einsum("eai,gaj->egij", points[mesh.cells], dxi, optimize=True)
+        inverse, det = _inverse(xp, jacobian)
+        dN, weight = xp.asarray(dxi)[None] @ inverse, det * w[None]
+        theta = xp.asarray(N)[None] @ points[mesh.cells]
+        g = _at_points(coordinates.g, theta) if coordinates.curved else np.ones(theta.shape)
+        weight, dN = weight * xp.prod(g, axis=-1), dN / g[:, :, None, :]
+        columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, N, dN, theta, g)
+        n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
+        multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
+        arrays: dict[str, Any] = {
+            "columns": columns,
+            "gradient": gradient,
+            "weight": weight,
+            "frame": frame,
+            "local_u": unknowns,
+            "local_multipliers": np.stack(multipliers, axis=1),
+            "material": scene.material,
+            "N": N,
+            "dN": dN,
+            "theta": theta,
+            "inverse_g": 1.0 / g,
+            "cells": mesh.cells,
+            "tie_index": ties.index,
+            "tie_scale": ties.scale,
+            "surfaces": dict(surfaces),
+            "cavities": tuple(cavities),
+            "points": points,
+        }
+        n_and_kinds: dict[str, Any] = {"n_u": ties.size, "n_p": n_p, "n_q": n_q, "kinds": scene.kinds}
+        own = geometry is not None
+        return cls(coordinates=coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
+
+
+@jax.jit
+def _displacements(system: System, z: Array, offset: Array) -> Array:
+    if not system.n_u:
+        return offset.reshape(-1, 3)
+    return (offset + system.tie_scale * z[system.tie_index]).reshape(-1, 3)
+
+
+def _inverse(xp: Any, A: Any) -> tuple[Any, Any]:
+    """The inverses and the determinants of matrices (..., 3, 3), by cofactors: LAPACK takes ten times as long."""
+    x, y, z = A[..., 0, :], A[..., 1, :], A[..., 2, :]
+    columns = xp.stack([xp.cross(y, z), xp.cross(z, x), xp.cross(x, y)], axis=-1)
+    det = xp.sum(x * columns[..., 0], axis=-1)
+    return columns / det[..., None, None], det
+
+
+def _at_points(function: Any, theta: Any) -> Any:
+    """A function of θ (3,) at the points (n_elements, n_points, 3), in NumPy where they are not traced."""
+    if checks.is_traced(theta):
+        return jax.vmap(jax.vmap(function))(theta)
+    found = evaluate(function, theta.reshape(-1, 3))
+    return found.reshape(*theta.shape[:2], *found.shape[1:])
+
+
+def _columns(scene: Scene, ties: Ties, N: NDArray[np.float64], dN: Any, theta: Any, g: Any) -> tuple[Any, Any, Any]:
+    """The columns, the gradient and the unknowns of each element, see `System`."""
+    mesh, coordinates = scene.mesh, scene.mesh.coordinates
+    n_e, n_g = theta.shape[:2]
+    # The distinct unknowns of each element, padded to the longest list with columns of zeros.
+    dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
+    active = ties.free[dofs]
+    lists = [np.unique(ties.index[d[a]]) for d, a in zip(dofs, active, strict=True)]
+    n_local = max(map(len, lists))
+    unknowns = np.zeros((n_e, n_local), dtype=int)
+    here: NDArray[np.float64] = np.zeros((n_e, 24, n_local))
+    for e, own in enumerate(lists):
+        unknowns[e, : len(own)] = own
+        here[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = 1.0
+    xp = jnp if checks.is_traced((dN, theta, ties.scale)) else np
+    slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
+    # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
+    columns = xp.einsum("egaj,eail->egijl", dN, slots)
+    gradient = g[:, :, :, None, None] * columns
+    by_theta = xp.einsum("ga,eail->egil", N, slots)
+    if coordinates.curved:
+        by_g = _at_points(coordinates.by_theta, theta)  # ∂g_i/∂θ_k
+        diagonal = xp.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
+        gradient = gradient + diagonal[:, :, :, None] * np.eye(3)[None, None, :, :, None]
+    columns = columns.reshape(n_e, n_g, 9, n_local)
+    if coordinates.curved:
+        columns = xp.concatenate([columns, by_theta], axis=2)
+    return columns, gradient.reshape(n_e, n_g, 9, n_local), unknowns
