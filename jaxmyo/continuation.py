@@ -170,8 +170,9 @@ def follow(
         sign = control.choose(known, lambda: found.factors.sign, lambda: path.sign)
         before = fraction(xp.maximum(path.t, 0.0), gentle)
         far = (aimed > 0.05 * settings.move) | (fraction(t, gentle) - before > 0.01)
-        # Several branches may begin at rest, where soft tissue has no stiffness; one that keeps the sign is stable.
-        passed = (sign != path.sign) & (far | first_step)
+        # Several branches may begin at rest, where soft tissue has no stiffness, and one that changes the sign is
+        # unstable: it is taken only if a path that begins gently finds no other.
+        passed = (sign != path.sign) & (far | (first_step & ~gentle))
         good = known & (~passed | at_start)
         if not traced:
             status = Status(int(found.status)).name if good or found.status else "BRANCH_LEFT"
