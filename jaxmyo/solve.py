@@ -293,7 +293,8 @@ def _check_start(scene: Scene, state: State, name: str) -> None:
         raise TypeError(f"{name} must be a State; got {state!r}")
     if state.scene is not scene:
         raise ValueError(f"{name} must be a state of the same scene")
-    if not checks.is_traced(state.status) and not np.all(state.converged):
+    # In NumPy: inside jit JAX's own comparison would be traced, though the state is not.
+    if not checks.is_traced(state.status) and not np.all(np.asarray(state.status) == Status.CONVERGED):
         raise ValueError(f"{name} is not converged: {state.message}")
 
 

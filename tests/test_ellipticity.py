@@ -28,6 +28,7 @@ def rest() -> jm.State:
     return jm.contract(jm.thin_sample(law=reinforced, constants=(MU, GAMMA)), T0=0.0, a_over_D=None)
 
 
+@pytest.mark.slow
 def test_a_reinforced_material_is_lost_where_its_closed_form_says() -> None:
     """Along a compressed fibre Q has μ + 2γ (λ² − 1), for N = f: lost at λ² = 1 − μ/2γ (Merodio and Ogden 2002)."""
     lost = float(np.sqrt(1.0 - 0.5 * MU / GAMMA))

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import reference as by_hand
@@ -11,8 +12,8 @@ from conftest import jaxmyo_in
 from support import BATCH, biaxial
 
 import jaxmyo as jm
-from jaxmyo.stability import independent, tables
-from jaxmyo.stability.problems import draw
+from jaxmyo.stability import independent, random_problems, tables
+from jaxmyo.stability.problems import Problems, draw
 from jaxmyo.stability.random_problems import Outcome, body_of, branch_A, branch_C, muscle_C, muscle_of, outcome
 from jaxmyo.stability.reference import End
 from jaxmyo.status import Status
@@ -180,3 +181,30 @@ def test_the_command(tmp_path: Path) -> None:
     assert found["inf_sup"]["cube 1×1×1"]["p: element, q: element"] == pytest.approx([0.245, 0.049, 0.026], abs=1e-3)
     assert all((tmp_path / file).stat().st_size > 0 for file in found["files"])
     assert {"report.md", "maps.png", "inf_sup.png"} <= {Path(file).name for file in found["files"]}
+
+
+def test_a_branch_that_is_unstable_from_rest_on_is_followed_where_there_is_no_other() -> None:
+    """Passive tissue under a stretch along its fibres: λcf = λn by symmetry, stable across them or not."""
+    A = jm.contract(jm.thin_sample(), T0=0.0, beta=0.0, a_over_D=None)
+    stretch = np.linspace(0.8, 1.3, 11)
+    C = jax.jit(jax.vmap(lambda s: jm.load(A, jm.Stretch("x", s), throw=False)))(stretch)
+    assert (np.asarray(C.status) == Status.CONVERGED).all()
+    across = np.broadcast_to(stretch[:, None] ** -0.5, (11, 2))
+    np.testing.assert_allclose(np.asarray(C.stretches)[:, 0, 0, 1:], across, atol=1e-10)
+    assert (np.asarray(C.negative_eigenvalues) > 0).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weave", [True, False])
+def test_passive_tubes_under_pressures_of_many_moduli(weave: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rest has no stiffness but along the fibres: such loads have to begin gently, on the branch that is stable."""
+    numbers = [833, 917, 1431, 2016, 2603, 2661] if weave else [276, 343, 404, 931, 1104, 1245]
+    every = draw("tube", 3500 if weave else 1500, 0)
+    few = Problems(*(x[numbers] for x in every))
+    monkeypatch.setattr(random_problems, "draw", lambda *_: few)
+    monkeypatch.setattr(random_problems, "CHUNK", len(numbers))
+    found = outcome("tube", weave, len(numbers), 0)
+    assert (found.reference_C.end == End.REACHED).all()
+    assert (found.C.status == Status.CONVERGED).all()
+    assert np.max(found.off_C) < 1e-10
+    assert np.max(found.error_C) < 1e-11

@@ -19,6 +19,7 @@ def table(name: str) -> Table:
     return TABLES[name]
 
 
+@pytest.mark.slow
 def test_the_printed_table_is_the_one_of_the_reference() -> None:
     rows = [(r.a_over_D, r.T0, r.printed_ratio_percent, r.printed_sigma22) for r in table("table1").rows]
     assert rows == [tuple(row) for row in reference.PRINTED_TABLE]

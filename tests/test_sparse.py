@@ -86,7 +86,13 @@ def dense() -> dict[str, list[jm.State]]:
 
 
 #: Where the dense solve of reference takes longest.
-LONG = {"one q per element", "one q per column", "p and q in blocks", "a cavity of prescribed volume"}
+LONG = {
+    "one q per element",
+    "one q per column",
+    "curved coordinates",
+    "p and q in blocks",
+    "a cavity of prescribed volume",
+}
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] if c in LONG else []) for c in CASES])

@@ -100,6 +100,7 @@ def test_the_named_sets_hold_the_constants_of_the_reference() -> None:
         assert vars(constants) == reference.SETS[name]
 
 
+@pytest.mark.slow
 def test_only_the_set_of_the_table_gives_the_table() -> None:
     assert reference.table1_max_abs_diff(reference.SETS["table1"]) <= WITHIN
     for name in ("printed", "measured"):

@@ -80,6 +80,7 @@ def test_revolution_and_three_dimensions_agree(base: str) -> None:
     assert abs(limits[0] - limits[1]) < max(errors), (limits, errors)
 
 
+@pytest.mark.slow
 def test_volume_and_pressure_drive_alike() -> None:
     rest, by_pressure = filled((2, 8), "sliding")
     by_volume = jm.load(rest, jm.Volume("endo", volume(by_pressure)))
