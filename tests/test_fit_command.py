@@ -32,6 +32,7 @@ def curves(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     command = ["fit", str(curves(tmp_path)), "--free", "C1p=0.3,C4p", "--json", "--out", str(out)]

@@ -143,7 +143,7 @@ def pressure_named(message: str) -> float:
 
 
 @pytest.mark.parametrize("a_over_D", WEAVE)
-@pytest.mark.parametrize(("grading", "pairs"), [(1.0, 1), (GRADED, 2)])
+@pytest.mark.parametrize(("grading", "pairs"), [pytest.param(1.0, 1, marks=pytest.mark.slow), (GRADED, 2)])
 def test_radii_converge_at_second_order(a_over_D: float | None, grading: float, pairs: int) -> None:
     """Equal elements are coarse at the inner wall, where strains are large: their order shows on the finer meshes."""
     states, wall = levels(a_over_D, grading), solution(a_over_D)
