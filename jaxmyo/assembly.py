@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,123 +18,63 @@ import numpy as np
 import scipy.sparse as sp
 from jax import Array
 
-from jaxmyo import compiler, lagrangian, surface
-from jaxmyo.pattern import UPPER, Floats, Ints, pattern
+from jaxmyo import compiler, element_blocks, lagrangian, surface
+from jaxmyo.element_blocks import Elements, Terms
+from jaxmyo.pattern import BLOCK, Floats, Ints, in_blocks, pattern
 from jaxmyo.system import Inputs, System
 
-CHUNK = 1024  # elements per call
-BLOCK = 128  # elements whose intermediates stay in cache together
+CHUNK = 8  # blocks per call
 FLIGHT = 4  # chunks that are computed ahead
 
 Found = TypeVar("Found")
 
-_I, _J = UPPER
 _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
-
-
-class Elements(NamedTuple):
-    """What the elements of a chunk need, (n_elements, ...) each, see `System`; scale: (24,) of their ties."""
-
-    cells: Array
-    dN: Array
-    weight: Array
-    frame: Array
-    theta: Array
-    inverse_g: Array
-    material: Array
-    scale: Array
-
-
-class Terms(NamedTuple):
-    """The terms of the elements of a chunk, (n_elements, ...) each.
-
-    In JAX or, of a chunk that is done, in NumPy. r: (24,) forces; K: (300,) upper triangle of the tangent, rows first,
-    with the augmentation; B: (24, multipliers) its coupling with p and q; D: (multipliers,) second derivative by them;
-    r_m: (multipliers,) residual; least_J.
-    """
-
-    r: Any
-    K: Any
-    B: Any
-    D: Any
-    r_m: Any
-    least_J: Any
-
-
-def _in_blocks(function: Callable[[Any], Any], arrays: Any) -> Any:
-    """The function of arrays (n_elements, ...), a `BLOCK` of elements at a time."""
-    split = jax.tree.map(lambda x: x.reshape(-1, BLOCK, *x.shape[1:]), arrays)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(function, split))
+_BESIDE = ThreadPoolExecutor(2, thread_name_prefix="jaxmyo-compile")
 
 
 @partial(jax.jit, static_argnames=("inside",), compiler_options=compiler.LEAN)
 def _terms(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, gamma: Any, inside: tuple[bool, ...]) -> Terms:
-    """The terms of a chunk. u: (n_nodes, 3); m: (n_elements, multipliers); inputs: with the tensions of the chunk.
+    """The terms of the blocks of a chunk, see `element_blocks.terms`; with the blocks first, as all that is of a chunk.
 
-    inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
+    u: (n_nodes, 3); m: (n_blocks, multipliers, BLOCK); inputs: with the tensions of the chunk.
     """
-    c, n_m = system.coordinates, system.multipliers
-    order = np.arange(9).reshape(3, 3)  # positions in y of ∂θ_i/∂Θ_k[, θ_i]
-    if c.curved:
-        order = np.concatenate([order, np.arange(9, 12)[:, None]], axis=1)
-    n_y = order.size
-
-    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array) -> Terms:
-        def point(dN: Array, N: Array, weight: Array, frame: Array, theta: Array, g: Array, *T: Any) -> Any:
-            y = lagrangian.variables(c, nodes, dN, N, theta, g)
-            place: Any = (frame, *T, e.material, inputs)
-            r_y, K_y = lagrangian.at_point(system, jnp.concatenate([y, m]), *place)
-            M = K_y[order.reshape(-1)[:, None], order.reshape(-1)[None, :]].reshape(*order.shape, *order.shape)
-            return weight * r_y, weight * M, weight * K_y[:, n_y:], lagrangian.volume_ratio(c, y)
-
-        r_y, M, by_m, J = jax.vmap(point)(e.dN, system.N, e.weight, e.frame, e.theta, e.inverse_g, T_f, T_cf)
-        G = e.dN
-        if c.curved:
-            G = jnp.concatenate([G, system.N[:, :, None]], axis=2)
-        half = jnp.einsum("gikjl,gbl->gikbj", M, G)
-        K = jnp.einsum("gak,gikbj->aibj", G, half).reshape(24, 24)
-        B = jnp.einsum("gak,gikm->aim", G, by_m[:, order]).reshape(24, n_m) * e.scale[:, None]
-        D = jnp.diagonal(jnp.sum(by_m[:, n_y:], axis=0))
-        K = e.scale[:, None] * K * e.scale[None, :]
-        for k in range(n_m):
-            if inside[k]:
-                K = K + B[:, k, None] * B[None, :, k] / (jnp.sum(e.weight) / gamma - D[k])
-        r = e.scale * jnp.einsum("gak,gik->ai", G, r_y[:, order]).reshape(24)
-        return Terms(r, K[_I, _J], B, D, jnp.sum(r_y[:, n_y:], axis=0), jnp.min(J))
 
     def block(at: tuple[Any, ...]) -> Terms:
-        e, *further = at
-        return jax.vmap(element)(e, u[e.cells], *further)
+        e, m, T = at
+        return element_blocks.terms(system, e, u, m, _with_tensions(inputs, T), gamma, inside)
 
-    return _in_blocks(block, (e, m, inputs.T_f, inputs.T_cf))
+    return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf)))
 
 
 @partial(jax.jit, compiler_options=compiler.LEAN)
-def _forces(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any, Any]:
-    """The first derivatives of a chunk alone, their change with u and the inputs, and the smallest det F.
-
-    Forces (n_elements, 24) and constraints (n_elements, multipliers); for the changes du, by_t: the same again.
-    """
-    c = system.coordinates
-
-    def element(e: Elements, nodes: Array, m: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Any:
-        at = (e.dN, e.weight, e.frame, e.theta, e.inverse_g, e.material)
-        forces, by_m = lagrangian.element_forces(system, nodes, *at, m, T_f, T_cf, inputs)
-        y = jax.vmap(partial(lagrangian.variables, c, nodes))(e.dN, system.N, e.theta, e.inverse_g)
-        least_J = jnp.min(jax.vmap(partial(lagrangian.volume_ratio, c))(y))
-        return (e.scale * forces.reshape(24), by_m), least_J
+def _forces(system: System, e: Elements, u: Any, m: Any, inputs: Inputs) -> tuple[Any, Any, Any]:
+    """Forces (n_blocks, 24, BLOCK), constraints (n_blocks, multipliers, BLOCK) and the smallest det F of each block."""
 
     def block(at: tuple[Any, ...]) -> tuple[Any, Any, Any]:
-        e, m, T, dT = at
+        e, m, T = at
+        return element_blocks.forces(system, e, u, m, _with_tensions(inputs, T))
 
-        def of(u: Array, T: tuple[Array, Array], inputs: Inputs) -> Any:
-            return jax.vmap(element, in_axes=(0, 0, 0, 0, 0, None))(e, u[e.cells], m, *T, inputs)
-
-        return jax.jvp(of, (u, T, inputs), (du, dT, by_t), has_aux=True)
-
-    return _in_blocks(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
+    return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf)))
 
 
+@partial(jax.jit, compiler_options=compiler.LEAN)
+def _rates(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
+    """The change of `_forces` and constraints with u and the inputs."""
+
+    def block(at: tuple[Any, ...]) -> tuple[Any, Any]:
+        e, m, *T_and_dT = at
+        both = zip((inputs, by_t), T_and_dT, strict=True)
+        where, change = zip((u, du), (_with_tensions(x, T) for x, T in both), strict=True)
+        return jax.jvp(lambda u, inputs: element_blocks.forces(system, e, u, m, inputs)[:2], where, change)[1]
+
+    return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
+
+
+def _with_tensions(inputs: Inputs, T: tuple[Array, Array]) -> Inputs:
+    return inputs._replace(T_f=T[0], T_cf=T[1])
+
+
+@jax.jit
 def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple[Array, Array]:
     """The loads at the nodes (n_nodes, 3), and the volumes (n_cavities,)."""
     loads = lagrangian.loads(system, pressures, inputs)
@@ -144,12 +84,12 @@ def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tupl
 
 @jax.jit
 def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
-    """`_load_forces`, and their change with u and the inputs."""
+    """The change of `_load_forces` with u and the inputs."""
 
     def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
         return _load_forces(system, u, pressures, inputs)
 
-    return jax.jvp(of, (u, inputs), (du, by_t))
+    return jax.jvp(of, (u, inputs), (du, by_t))[1]
 
 
 @jax.jit
@@ -164,7 +104,8 @@ def _load_terms(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple
 
 def _programs() -> int:
     """How many programs for elements are compiled."""
-    return int(_terms._cache_size() + _forces._cache_size())  # type: ignore[attr-defined]
+    programs: Any = (_terms, _forces, _rates)
+    return sum(int(f._cache_size()) for f in programs)
 
 
 def _give_back() -> None:
@@ -175,7 +116,11 @@ def _give_back() -> None:
 
 
 class Assembly:
-    """The elements of a system in chunks, and the pattern that their terms go to."""
+    """The elements of a system in blocks and chunks, and the pattern that their terms go to.
+
+    What is of elements is (n_blocks, ..., BLOCK), a chunk is a slice of it. Elements that only fill up the last blocks
+    have the unknown `system.size`, which is none: residuals have one entry more for it here.
+    """
 
     def __init__(self, system: System, patches: list[sp.csr_matrix]) -> None:
         cells = np.asarray(system.cells)
@@ -183,106 +128,139 @@ class Assembly:
         dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 24)
         self.system = system
         self.tie_index = tie_index
-        self.dofs, self.scale = tie_index[dofs], self.tie_scale[dofs]
-        self.pattern = pattern(cells, tie_index, self.tie_scale, system.n_u, patches)
-        self.local = np.asarray(system.local_multipliers)
-        n_e, self.count = len(cells), min(CHUNK, -(-len(cells) // BLOCK) * BLOCK)
-        self.chunks = [np.arange(i, min(i + self.count, n_e)) for i in range(0, n_e, self.count)]
-        arrays = [np.asarray(getattr(system, name)) for name in Elements._fields[:-1]]
-        self._elements = [
-            Elements(*(jnp.asarray(x[self._padded(ids)]) for x in (*arrays, self.scale))) for ids in self.chunks
-        ]
+        n_blocks = -(-len(cells) // BLOCK)
+        count = min(CHUNK, n_blocks)
+        self.n_blocks = -(-n_blocks // count) * count
+        self.chunks = [slice(k, k + count) for k in range(0, self.n_blocks, count)]
+        self.dofs, self.scale = self.in_blocks(tie_index[dofs], system.size), self.in_blocks(self.tie_scale[dofs])
+        self.local = self.in_blocks(np.asarray(system.local_multipliers), system.size)
+        self.pattern = pattern(cells, tie_index, self.tie_scale, system.n_u, patches, self.n_blocks)
+        dN, weight, frame, theta, inverse_g = (
+            self.in_blocks(np.moveaxis(np.asarray(x), 1, -1))
+            for x in (system.dN, system.weight, system.frame, system.theta, system.inverse_g)
+        )
+        geometry = (self.in_blocks(cells), dN, weight, frame, theta, inverse_g)
+        every = (*geometry, self.in_blocks(np.asarray(system.material)), self.scale)
+        self._elements = [Elements(*(jnp.asarray(x[chunk]) for x in every)) for chunk in self.chunks]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
-        own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
+        of_elements = ("cells", "dN", "weight", "frame", "theta", "inverse_g", "material")
+        own = (*of_elements, "tie_index", "tie_scale", "points", "local_multipliers")
         bare: dict[str, Any] = dict.fromkeys(own, none)
         self._shared = replace(system, n_u=0, n_p=0, n_q=0, surfaces={}, cavities=(), **bare)
         loads: dict[str, Any] = {"surfaces": system.surfaces, "cavities": system.cavities, "points": system.points}
         self._loads = replace(self._shared, **loads, kinds=(), N=none)
 
-    def _padded(self, ids: Ints) -> Ints:
-        """The elements of a chunk; the last one is filled up with repetitions."""
-        return np.concatenate([ids, np.full(self.count - len(ids), ids[-1])])
-
-    def _cut(self, inputs: Inputs, ids: Ints) -> Inputs:
-        """The inputs of a chunk."""
-        none: Any = np.zeros(0)
-        tensions: Any = [np.asarray(T)[self._padded(ids)] for T in (inputs.T_f, inputs.T_cf)]
-        cut = inputs._replace(T_f=tensions[0], T_cf=tensions[1], offset=none)
-        return cut._replace(loads={}, volumes=none, imbalance=none)
+    def in_blocks(self, x: Any, fill: Any = None) -> Any:
+        """Values (n_elements, ...) in blocks, see `pattern.in_blocks`."""
+        return in_blocks(x, self.n_blocks, fill)
 
     def _each(
-        self, compute: Callable[[Ints, Elements], Found], chunks: int | None = None
-    ) -> Iterator[tuple[Ints, Found]]:
-        """(elements, what is computed of them) of all chunks, or of the first ones; some are computed ahead."""
-        ahead: list[tuple[Ints, Future[Found]]] = []
-        for ids, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
-            ahead.append((ids, _THREADS.submit(compute, ids, e)))
+        self, compute: Callable[..., Found], of_elements: Any, chunks: int | None = None
+    ) -> Iterator[tuple[slice, Found]]:
+        """(chunk, what is computed of it in NumPy) of all chunks, or of the first ones; some are computed ahead."""
+
+        def computed(chunk: slice, e: Elements) -> Found:
+            found: Found = jax.tree.map(np.asarray, compute(e, *jax.tree.map(lambda x: x[chunk], of_elements)))
+            return found
+
+        ahead: list[tuple[slice, Future[Found]]] = []
+        for chunk, e in zip(self.chunks[:chunks], self._elements[:chunks], strict=True):
+            ahead.append((chunk, _THREADS.submit(computed, chunk, e)))
             if len(ahead) > FLIGHT:
-                ids, future = ahead.pop(0)
-                yield ids, future.result()
-        for ids, future in ahead:
-            yield ids, future.result()
+                chunk, future = ahead.pop(0)
+                yield chunk, future.result()
+        for chunk, future in ahead:
+            yield chunk, future.result()
+
+    def _multipliers(self, z: Floats) -> Floats:
+        """Those of the elements, (n_blocks, multipliers, BLOCK)."""
+        return np.append(z, np.zeros(1, z.dtype))[self.local]
+
+    def _split(self, inputs: Inputs) -> tuple[Inputs, tuple[Floats, Floats]]:
+        """What elements need of the inputs: what is common to all, and the tensions of each."""
+        none: Any = np.zeros(0)
+        T_f, T_cf = (self.in_blocks(np.asarray(T)) for T in (inputs.T_f, inputs.T_cf))
+        common = inputs._replace(T_f=none, T_cf=none, offset=none, loads={}, volumes=none, imbalance=none)
+        return common, (T_f, T_cf)
 
     def terms(
-        self,
-        u: Floats,
-        z: Floats,
-        inputs: Inputs,
-        gamma: float,
-        inside: tuple[bool, ...],
-        chunks: int | None = None,
-    ) -> Iterator[tuple[Ints, Terms]]:
-        """(elements, their terms) of all chunks, or of the first ones."""
+        self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...], chunks: int | None = None
+    ) -> Iterator[tuple[slice, Terms]]:
+        """(chunk, its terms) of all chunks, or of the first ones."""
+        common, tensions = self._split(inputs)
 
-        def compute(ids: Ints, e: Elements) -> Terms:
-            m = z[self.local[self._padded(ids)]]
-            found = _terms(self._shared, e, u, m, self._cut(inputs, ids), np.float64(gamma), inside)
-            return Terms(*(np.asarray(x)[: len(ids)] for x in found))
+        def compute(e: Elements, m: Floats, T: tuple[Any, Any]) -> Terms:
+            return _terms(self._shared, e, u, m, _with_tensions(common, T), np.float64(gamma), inside)
 
-        return self._each(compute, chunks)
+        return self._each(compute, (self._multipliers(z), tensions), chunks)
 
-    def add_to(self, r: Floats, ids: Ints, r_u: Any, r_m: Any) -> None:
-        """Add the forces (n, 24) and the constraints (n, multipliers) of elements `ids` to the residual (n,)."""
-        r += np.bincount(self.dofs[ids].ravel(), r_u.ravel(), len(r))
-        r += np.bincount(self.local[ids].ravel(), r_m.ravel(), len(r))
-
-    def first(self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]) -> tuple[Ints, Terms]:
-        """(elements, their terms) of the first chunk. What `forces` needs is compiled beside: each takes seconds."""
+    def first(
+        self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]
+    ) -> tuple[slice, Terms]:
+        """(chunk, its terms) of the first chunk. The other programs are compiled beside: each takes seconds."""
         known, none = _programs(), jax.tree.map(np.zeros_like, inputs)
-        args = (self.chunks[0], self._elements[0], u, z, inputs, np.zeros_like(u), none)
-        forces = _THREADS.submit(self._forces_of, *args)
+        others = (self._forces(u, z, inputs, 1), self._rates(u, z, inputs, np.zeros_like(u), none, 1))
+        beside = [_BESIDE.submit(list, other) for other in others]
         found = next(self.terms(u, z, inputs, gamma, inside, chunks=1))
-        forces.result()
+        for other in beside:
+            other.result()
         if _programs() != known:
             _give_back()
         return found
 
-    def _forces_of(
-        self, ids: Ints, e: Elements, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs
-    ) -> tuple[Any, Any, Any]:
-        m = z[self.local[self._padded(ids)]]
-        found = _forces(self._shared, e, u, du, m, self._cut(inputs, ids), self._cut(by_t, ids))
-        return jax.tree.map(lambda x: np.asarray(x)[: len(ids)], found)
+    def _forces(self, u: Floats, z: Floats, inputs: Inputs, chunks: int | None = None) -> Iterator[tuple[slice, Any]]:
+        common, tensions = self._split(inputs)
 
-    def forces(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> tuple[Floats, Floats, float]:
-        """The residual (n,), its change with the displacements and the inputs, and the smallest det F."""
+        def compute(e: Elements, m: Floats, T: tuple[Any, Any]) -> Any:
+            return _forces(self._shared, e, u, m, _with_tensions(common, T))
 
-        def compute(ids: Ints, e: Elements) -> Any:
-            return self._forces_of(ids, e, u, z, inputs, du, by_t)
+        return self._each(compute, (self._multipliers(z), tensions), chunks)
 
-        r, dr, least_J = -np.array(inputs.imbalance), -np.array(by_t.imbalance), np.inf
-        for ids, (at, change, J) in self._each(compute):
-            self.add_to(r, ids, *at)
-            self.add_to(dr, ids, *change)
+    def _rates(
+        self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs, chunks: int | None = None
+    ) -> Iterator[tuple[slice, Any]]:
+        (common, tensions), (change, by_tensions) = self._split(inputs), self._split(by_t)
+
+        def compute(e: Elements, m: Floats, T: tuple[Any, Any], dT: tuple[Any, Any]) -> Any:
+            both = _with_tensions(common, T), _with_tensions(change, dT)
+            return _rates(self._shared, e, u, du, m, *both)
+
+        return self._each(compute, (self._multipliers(z), tensions, by_tensions), chunks)
+
+    def add_to(self, r: Floats, chunk: slice, r_u: Any, r_m: Any) -> None:
+        """Add the forces (n_blocks, 24, BLOCK) and the constraints of a chunk to the residual (n + 1,)."""
+        r += np.bincount(self.dofs[chunk].ravel(), r_u.ravel(), len(r))
+        r += np.bincount(self.local[chunk].ravel(), r_m.ravel(), len(r))
+
+    def forces(self, u: Floats, z: Floats, inputs: Inputs) -> tuple[Floats, float]:
+        """The residual (n,) and the smallest det F."""
+        r, least_J = np.append(-np.asarray(inputs.imbalance), 0.0), np.inf
+        for chunk, (r_u, r_m, J) in self._forces(u, z, inputs):
+            self.add_to(r, chunk, r_u, r_m)
             least_J = min(least_J, float(J.min()))
+        r = r[:-1]
         if self.loaded:
-            cut = self._of_loads(inputs), self._of_loads(by_t)
-            loads, by_loads = _load_rates(self._loads, u, du, self.system.pressures(z), *cut)
-            for to, (forces, volumes), wanted in ((r, loads, inputs), (dr, by_loads, by_t)):
-                to += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(to))
-                to[len(to) - len(volumes) :] += np.asarray(wanted.volumes) - np.asarray(volumes)
-        return r, dr, least_J
+            loads = _load_forces(self._loads, u, self.system.pressures(z), self._of_loads(inputs))
+            self._take_loads(r, loads, inputs)
+        return r, least_J
+
+    def rates(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> Floats:
+        """The change (n,) of the residual with the displacements and the inputs."""
+        dr = np.append(-np.asarray(by_t.imbalance), 0.0)
+        for chunk, change in self._rates(u, z, inputs, du, by_t):
+            self.add_to(dr, chunk, *change)
+        dr = dr[:-1]
+        if self.loaded:
+            both = self._of_loads(inputs), self._of_loads(by_t)
+            self._take_loads(dr, _load_rates(self._loads, u, du, self.system.pressures(z), *both), by_t)
+        return dr
+
+    def _take_loads(self, r: Floats, loads: tuple[Any, Any], inputs: Inputs) -> None:
+        """The residual (n,) less forces at the nodes; with the volumes that are missing."""
+        forces, volumes = loads
+        r += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(r))
+        r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
 
     @property
     def loaded(self) -> bool:

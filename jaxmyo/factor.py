@@ -7,7 +7,7 @@ import ctypes
 import sys
 from collections.abc import Callable
 from functools import cache
-from threading import Thread
+from threading import Thread, current_thread
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,6 +21,11 @@ Floats = NDArray[np.float64]
 
 #: Displacements from which on direct factors would need tens of gigabytes [–].
 HUGE = 400_000
+
+
+def norm(x: Floats) -> float:
+    """The length of a vector; not by BLAS, since its threads and those of Pardiso would wait for each other."""
+    return float(np.sqrt(np.sum(x * x)))
 
 
 class Solver(Protocol):
@@ -125,9 +130,9 @@ class _Pardiso:
         diagonal, radius = upper.diagonal(), 0.0
         x = np.random.default_rng(0).normal(size=len(diagonal))
         for _ in range(3):
-            x = x / np.linalg.norm(x)
+            x = x / norm(x)
             x = x - self.solve(upper @ x + upper.T @ x - diagonal * x)
-            radius = float(np.linalg.norm(x))
+            radius = norm(x)
         return radius
 
     def sharpen(self) -> bool:
@@ -161,7 +166,8 @@ class _Pardiso:
 
     def __del__(self) -> None:
         if not sys.is_finalizing():
-            self._analysis.join()
+            if self._analysis is not current_thread():  # which may have held the last reference
+                self._analysis.join()
             self._call(-1)  # free all its memory
 
 

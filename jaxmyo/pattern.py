@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-PART = 1024  # elements whose positions are found together
+BLOCK = 128  # elements whose terms are computed together, and added together
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -21,9 +21,9 @@ _I, _J = UPPER
 class Pattern:
     """The upper triangle, in CSR, of the displacements that share an element (or a patch), and where entries stand.
 
-    positions: (n_elements, 300) of the upper triangle of an element's matrix, nnz for entries of prescribed
-    displacements; twice: flat positions there of pairs of nodal displacements that are one unknown; keys: (nnz,)
-    row · n_u + column.
+    positions: (n_blocks, 300, BLOCK) of the upper triangles of the elements' matrices, nnz for entries of prescribed
+    displacements and of no element; twice: flat positions there of pairs of nodal displacements that are one unknown;
+    keys: (nnz,) row · n_u + column.
     """
 
     n_u: int
@@ -56,13 +56,25 @@ class Pattern:
         """Positions of entries of the upper triangle."""
         return np.searchsorted(self.keys, rows.astype(np.int64) * self.n_u + columns)
 
-    def add_upper(self, data: Floats, ids: Ints, K: Floats) -> None:
-        """Add the upper triangles (n, 300) of the matrices of elements `ids` to the data (nnz + 1,)."""
+    def add_upper(self, data: Floats, blocks: slice, K: Floats) -> None:
+        """Add the upper triangles (n_blocks, 300, BLOCK) of the matrices of some blocks to the data (nnz + 1,)."""
         if len(self.twice):
-            first, last = np.searchsorted(self.twice, [300 * ids[0], 300 * (ids[-1] + 1)])
+            size = K[0].size
+            first, last = np.searchsorted(self.twice, [size * blocks.start, size * blocks.stop])
             K = K.copy()
-            K.reshape(-1)[self.twice[first:last] - 300 * ids[0]] *= 2.0
-        np.add.at(data, self.positions[ids[0] : ids[-1] + 1].reshape(-1), K.reshape(-1))
+            K.reshape(-1)[self.twice[first:last] - size * blocks.start] *= 2.0
+        np.add.at(data, self.positions[blocks].reshape(-1), K.reshape(-1))
+
+
+def in_blocks(x: NDArray[Any], n_blocks: int, fill: Any = None) -> NDArray[Any]:
+    """Values (n, ...) of the elements in blocks, (n_blocks, ..., BLOCK).
+
+    Blocks are filled up with that value, or with repetitions of the last element.
+    """
+    missing = n_blocks * BLOCK - len(x)
+    rest = np.repeat(x[-1:], missing, axis=0) if fill is None else np.full((missing, *x.shape[1:]), fill, x.dtype)
+    blocks = np.concatenate([x, rest]).reshape(n_blocks, BLOCK, *x.shape[1:])
+    return np.ascontiguousarray(np.moveaxis(blocks, 1, -1))
 
 
 def same_components() -> tuple[Ints, Ints, Ints, Ints]:
@@ -71,9 +83,8 @@ def same_components() -> tuple[Ints, Ints, Ints, Ints]:
     return upper, _I[upper] % 3, _I[upper] // 3, _J[upper] // 3
 
 
-def upper_diagonals(K: Floats) -> Floats:
-    """The diagonals (n, 24) of matrices whose upper triangles (n, 300) are given."""
-    return K[:, _I == _J]
+#: Where the diagonal stands in the upper triangle (300,).
+DIAGONAL = np.flatnonzero(_I == _J)
 
 
 def distinct(keys: Ints) -> tuple[Ints, NDArray[np.int32]]:
@@ -86,7 +97,9 @@ def distinct(keys: Ints) -> tuple[Ints, NDArray[np.int32]]:
     return ordered[first], which
 
 
-def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix]) -> Pattern:
+def pattern(
+    cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: list[sp.csr_matrix], n_blocks: int
+) -> Pattern:
     """The pattern of a body; patches: incidence (n_patches, n_u) of patches of several elements, which couple too."""
     # Pairs of nodes first: there are far fewer of them than pairs of displacements.
     a, b = np.triu_indices(8)
@@ -111,16 +124,18 @@ def pattern(cells: Ints, tie_index: Ints, tie_scale: Floats, n_u: int, patches: 
     number[a, b] = number[b, a] = np.arange(len(a))
     number = number[_I // 3, _J // 3]
     within = np.stack([3 * (_I % 3) + _J % 3, 3 * (_J % 3) + _I % 3]).astype(np.int32)
-    pair = (9 * pair_of).reshape(len(cells), -1)
-    swapped = (cells[:, a] > cells[:, b]).astype(np.int8)
-    positions = np.empty((len(cells), len(_I)), dtype=np.int32)
-    for start in range(0, len(cells), PART):
-        part = slice(start, start + PART)
-        where = pair[part][:, number] + np.where(swapped[part][:, number], within[1], within[0])
-        np.take(at, where, out=positions[part])
+    nowhere = np.full(9, len(found), dtype=np.int32)  # the pairs of no element
+    at = np.append(at, nowhere)
+    pair = in_blocks((9 * pair_of).reshape(len(cells), -1), n_blocks, len(at) - 9)
+    swapped = in_blocks(cells[:, a] > cells[:, b], n_blocks, False)
+    positions = np.empty((n_blocks, len(_I), BLOCK), dtype=np.int32)
+    for k in range(n_blocks):
+        where = pair[k][number] + np.where(swapped[k][number], within[1][:, None], within[0][:, None])
+        np.take(at, where, out=positions[k])
     twice = np.zeros(0, dtype=np.int64)
     if np.count_nonzero(tie_scale) > n_u:  # some unknowns move several nodal displacements
         same = tie_index[3 * cells[:, _I // 3] + _I % 3] == tie_index[3 * cells[:, _J // 3] + _J % 3]
-        twice = np.flatnonzero((same & (_I != _J) & (positions < len(found))).reshape(-1))
+        same = in_blocks(same & (_I != _J), n_blocks, False)
+        twice = np.flatnonzero((same & (positions < len(found))).reshape(-1))
     indptr = np.searchsorted(found, np.arange(n_u + 1) * n_u)
     return Pattern(n_u, indptr, (found % max(n_u, 1)).astype(np.int32), found, positions, twice)

@@ -27,7 +27,7 @@ from jaxmyo import checks, factor, lagrangian, linear
 from jaxmyo.assembly import Assembly
 from jaxmyo.coordinates import evaluate
 from jaxmyo.linear import At, Scales
-from jaxmyo.pattern import distinct, same_components, upper_diagonals
+from jaxmyo.pattern import BLOCK, DIAGONAL, distinct, in_blocks, same_components
 from jaxmyo.status import SingularError
 from jaxmyo.system import Inputs, System
 from jaxmyo.ties import rigid_unknowns
@@ -87,7 +87,6 @@ class Sparse:
         # B in CSR: which element entry stands where
         keys = patch.T[:, :, None] * np.int64(n_u) + index[None]
         self._coupling, entry = distinct(np.where(moves[None], keys, -1).reshape(-1))
-        self._entry = entry.reshape(keys.shape).transpose(1, 2, 0)  # (n_e, 24, multipliers)
         several = []
         for own, alone in zip(patch.T, single, strict=True):
             if not alone:
@@ -97,6 +96,7 @@ class Sparse:
                 several.append(touches)
         self.assembly = Assembly(system, several)
         self.pattern = self.assembly.pattern
+        self._entry = self.assembly.in_blocks(entry.reshape(keys.shape).transpose(1, 2, 0), len(self._coupling))
         self._inside = tuple(single)
         self._is_inside = np.zeros(self.n_m)
         for own, alone in zip(patch.T, single, strict=True):
@@ -131,14 +131,15 @@ class Sparse:
     def _metric_data(self) -> Floats:
         """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
         data = np.zeros(self.pattern.nnz + 1)
-        for ids in self.assembly.chunks:
-            self.pattern.add_upper(data, ids, self._element_metric(ids))
+        for chunk in self.assembly.chunks:
+            self.pattern.add_upper(data, chunk, self._element_metric(chunk))
         return data[:-1]
 
-    def _element_metric(self, ids: NDArray[np.int64]) -> Floats:
-        """The upper triangles (n, 300) of some elements."""
+    def _element_metric(self, chunk: slice) -> Floats:
+        """The upper triangles (n_blocks, 300, BLOCK) of some elements."""
         s, N = self.system, np.asarray(self.system.N)
-        weight, dN, inverse_g, theta = (np.asarray(x)[ids] for x in (s.weight, s.dN, s.inverse_g, s.theta))
+        first, last = (BLOCK * k for k in (chunk.start, chunk.stop))
+        weight, dN, inverse_g, theta = (np.asarray(x)[first:last] for x in (s.weight, s.dN, s.inverse_g, s.theta))
         weighted = (weight[:, :, None] / inverse_g**2)[:, :, :, None, None] * dN[:, :, None]  # e g i a k
         stiffness = np.einsum("egiak,egbk->eiab", weighted, dN, optimize=True)
         if s.coordinates.curved:
@@ -146,8 +147,9 @@ class Sparse:
             hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
             stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
         upper, i, a, b = same_components()
-        K, scale = np.zeros((len(ids), 300)), self.assembly.scale[ids]
-        K[:, upper] = stiffness[:, i, a, b] * scale[:, 3 * a + i] * scale[:, 3 * b + i]
+        K, scale = np.zeros((chunk.stop - chunk.start, 300, BLOCK)), self.assembly.scale[chunk]
+        own = in_blocks(stiffness[:, i, a, b], len(K))
+        K[:, upper] = own * scale[:, 3 * a + i] * scale[:, 3 * b + i]
         return K
 
     def _scales(self, diagonal: Floats, index: Any, moves: Any, patch: Any) -> Scales:
@@ -214,8 +216,7 @@ class Sparse:
         self._counts["residuals"] += 1
         with self._timed("assembly"):
             u = self._displacements(z, inputs)
-            none = jax.tree.map(np.zeros_like, inputs)
-            r, _, least_J = self.assembly.forces(u, z, inputs, np.zeros_like(u), none)
+            r, least_J = self.assembly.forces(u, z, inputs)
         at = linear.summary(np, self.system, self.scale, z, r, K.diagonal, self._least(u, least_J), K)
         return at if at.residual <= max(SLOW * last.residual, at.noise) else None
 
@@ -223,18 +224,18 @@ class Sparse:
         s, a, n_u = self.system, self.assembly, self.system.n_u
         u = self._displacements(z, inputs)
         if not self._stiffness:
-            ids, t = a.first(u, z, inputs, 1e-30, self._inside)
-            diagonal = np.bincount(a.dofs[ids].ravel(), upper_diagonals(t.K).ravel(), n_u)
+            chunk, t = a.first(u, z, inputs, 1e-30, self._inside)
+            diagonal = np.bincount(a.dofs[chunk].ravel(), t.K[:, DIAGONAL].ravel(), n_u)[:n_u]
             self._stiffness = float(linear.stiffness(np, self.scale, diagonal))
-        r, data = -np.array(inputs.imbalance), np.zeros(self.pattern.nnz + 1)
-        B, D, least_J = np.zeros(len(self._coupling)), np.zeros(self.n_m), np.inf
-        for ids, t in a.terms(u, z, inputs, self._gamma, self._inside):
-            a.add_to(r, ids, t.r, t.r_m)
-            self.pattern.add_upper(data, ids, t.K)
-            np.add.at(B, self._entry[ids].ravel(), t.B.ravel())
-            np.add.at(D, a.local[ids].ravel() - n_u, t.D.ravel())
+        r, data = np.append(-np.asarray(inputs.imbalance), 0.0), np.zeros(self.pattern.nnz + 1)
+        B, D, least_J = np.zeros(len(self._coupling) + 1), np.zeros(s.size - n_u + 1), np.inf
+        for chunk, t in a.terms(u, z, inputs, self._gamma, self._inside):
+            a.add_to(r, chunk, t.r, t.r_m)
+            self.pattern.add_upper(data, chunk, t.K)
+            np.add.at(B, self._entry[chunk].ravel(), t.B.ravel())
+            np.add.at(D, a.local[chunk].ravel() - n_u, t.D.ravel())
             least_J = min(least_J, float(t.least_J.min()))
-        data = data[:-1]
+        r, data, B, D = r[:-1], data[:-1], B[:-1], D[: self.n_m]
         kept = self._coupling >= 0
         rows, columns = np.divmod(self._coupling[kept], n_u)
         coupling = sp.csr_matrix((B[kept], columns, np.searchsorted(rows, np.arange(self.n_m + 1))), (self.n_m, n_u))
@@ -277,8 +278,7 @@ class Sparse:
     def rates(self, z: Floats, inputs: Inputs, by_t: Inputs, factors: "Factors") -> tuple[Floats, Any]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
         u, du = self._displacements(z, inputs), np.asarray(by_t.offset).reshape(-1, 3)
-        _, change, _ = self.assembly.forces(u, z, inputs, du, by_t)
-        rate = -factors.solve(change, 1e-4)
+        rate = -factors.solve(self.assembly.rates(u, z, inputs, du, by_t), 1e-4)
         return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, by_t))
 
     def factorise(self, at: At, mu: Any, last: Any) -> "Factors":
@@ -317,7 +317,7 @@ class Sparse:
         if self.factors.inertia[1] > 0:
             return True
         y = self._soft_motion() / self._strains
-        return not SINGULAR * self._stiffness * np.linalg.norm(y) < 1.0
+        return not SINGULAR * self._stiffness * factor.norm(y) < 1.0
 
     def _is_softer(self, K: Tangent) -> bool:
         """Whether K resists the softest motions of the factors much less, or more, than the tangent that they are of.
@@ -327,9 +327,10 @@ class Sparse:
         if self._factored is K:
             return False
         x = self._soft_motion()
-        upper = self.pattern.matrix(self._symmetric(K, 0.0))
-        back = self.factors.solve(upper @ x + upper.T @ x - upper.diagonal() * x)
-        return not np.linalg.norm((back - x) / self._strains) < SOFTER * np.linalg.norm(x / self._strains)
+        data = self._symmetric(K, 0.0)
+        upper = self.pattern.matrix(data)
+        back = self.factors.solve(upper @ x + upper.T @ x - data[self.pattern.diagonal] * x)
+        return not factor.norm((back - x) / self._strains) < SOFTER * factor.norm(x / self._strains)
 
     @property
     def _strains(self) -> Floats:
@@ -437,7 +438,7 @@ class Sparse:
         n_u = self.system.n_u
         if self.factors.inertia[0] >= 0:
             y = self._soft_motion() / self._strains
-            if SOFT * self._stiffness * np.linalg.norm(y) < 1.0:
+            if SOFT * self._stiffness * factor.norm(y) < 1.0:
                 return 0.0
         s = np.where(np.arange(len(self.scale.unit)) < n_u, self.scale.unit, self._stiffness)
         b = np.random.default_rng(1).normal(size=len(s)) * np.sqrt(self.scale.volume) / s
@@ -447,8 +448,9 @@ class Sparse:
         """x, aimed at that accuracy, and its relative residual; preconditioned by the factors that are there."""
         assert self._factored is not None
         n_u, M = self.system.n_u, self._factored
-        upper = self.pattern.matrix(K.data + mu * self._metric)
-        lower, diagonal = upper.T, upper.diagonal()
+        data = K.data + mu * self._metric if mu else K.data
+        upper, diagonal = self.pattern.matrix(data), data[self.pattern.diagonal]
+        lower = upper.T
 
         def apply(x: Floats) -> Floats:
             u, m, P = x[:n_u], x[n_u : n_u + self.n_m], x[n_u + self.n_m :]
@@ -474,8 +476,8 @@ class Sparse:
             P = LinearOperator((len(b), len(b)), lambda r: precondition(r / s) / s, dtype=float)
             count, start = self.factors.iterations[M is K], None if guess is None else guess / s
             y, _ = gcrotmk(A, s * b, x0=start, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
-            size = np.linalg.norm(s * b)
-            return s * y, float(np.linalg.norm(A @ y - s * b) / size) if size else 0.0
+            size = factor.norm(s * b)
+            return s * y, float(factor.norm(A @ y - s * b) / size) if size else 0.0
 
 
 _known: list[Sparse] = []
