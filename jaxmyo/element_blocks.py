@@ -30,6 +30,10 @@ _FIRST, _SECOND = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 #: ∂C_11 = 2 F_i1 ∂F_i1, but ∂C_12 = F_i1 ∂F_i2 + F_i2 ∂F_i1.
 _TWICE = 1.0 + np.eye(3)
 
+_A, _B = _I // 3, _J // 3
+#: Where the upper triangle stands when the pairs of nodes a ≤ b are in the order a, i, j, b.
+_IN_ROWS = 9 * (8 * _A - _A * (_A - 1) // 2) + (3 * (_I % 3) + _J % 3) * (8 - _A) + _B - _A
+
 
 class Elements(NamedTuple):
     """What is known of a block of N elements, see `System`.
@@ -85,7 +89,7 @@ def terms(
     inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
     """
     r, K, B, D, r_m, least_J = _of_groups(partial(_of_points, u=u, m=m), system, e, inputs)
-    K = K[8 * (3 * _I + _J % 3) + _J // 3] * (e.scale[_I] * e.scale[_J])
+    K = K[_IN_ROWS] * (e.scale[_I] * e.scale[_J])
     B = _separate(B * e.scale[:, None])
     for n in range(system.multipliers):
         if inside[n]:
@@ -126,7 +130,7 @@ def _of_groups(of_points: Callable[..., Any], system: System, e: Elements, input
 
 
 def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
-    """Sums over the points for a block: r (24, N), K (576, N) of a i j b, B (24, multipliers, N), D, r_m, least_J."""
+    """Sums over the points for a block: r (24, N), K (324, N), B (24, multipliers, N), D, r_m, least_J."""
     at, c, place = _points(system, e, u, m, inputs)
 
     def derivatives(c: Array, *place: Array) -> tuple[Array, Array]:
@@ -156,12 +160,15 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
     of = range(G.shape[1])
     M = by_yy.reshape(*by_yy.shape[:-1], *shape)  # i k j l g N
     half = _separate(_sum(M[:, :, :, n, None] * G[None, None, None, :, n] for n in of))  # i k j b g N
-    K = _separate(_sum(G[:, None, None, None, n, g] * half[None, :, n, :, :, g] for n in of for g in points))
+    rows = [
+        _sum(G[a, n, g][None, None, None] * half[:, n, :, a:, g] for n in of for g in points) for a in range(8)
+    ]  # i j b N, b ≥ a
+    K = jnp.concatenate([_separate(row.reshape(-1, shape[1])) for row in rows])
     M_m = by_ym.reshape(*by_ym.shape[:-1], *shape)  # i k m g N
     B = _separate(_sum(G[:, None, n, None, g] * M_m[None, :, n, :, g] for n in of for g in points))
     D = jnp.stack([jnp.sum((weight * by_cc[6 + n, 6 + n]).reshape(shape), axis=0) for n in multipliers])
     r = _at_nodes(system, e, _first(at, by_F))
-    return r, K.reshape(576, -1), B.reshape(24, *B.shape[2:]), D, _of_multipliers(by_c, e), _least_J(system, at)
+    return r, K, B.reshape(24, *B.shape[2:]), D, _of_multipliers(by_c, e), _least_J(system, at)
 
 
 def _first_of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
