@@ -547,7 +547,8 @@ def _equal(a: Any, b: Any) -> bool:
     """Whether two pytrees are equal, number by number."""
     if not checks.same_structure(a, b):
         return False
-    return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(x is y or np.array_equal(x, y) for x, y in pairs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,47 +131,54 @@ class System:
         cavities: Sequence[np.ndarray] = (),
         large: bool = False,
         geometry: Geometry | None = None,
+        like: "System | None" = None,
     ) -> "System":
         """The discrete problem of a scene under its ties; surfaces, cavities: as in `System`.
 
-        In NumPy, unless the ties or the geometry are traced.
+        In NumPy, unless the ties or the geometry are traced. like: another state of the body; a large one takes what is
+        known of its Gauss points from there.
         """
-        mesh, coordinates = scene.mesh, scene.mesh.coordinates
+        mesh = scene.mesh
         points, frame = geometry or Geometry(mesh.points, scene.frame)  # type: ignore[arg-type]
-        xp = jnp if checks.is_traced((points, frame, ties.scale)) else np
-        xi, w = gauss(*scene.orders)
-        N, dxi = shape(xi), shape_gradient(xi)
-        jacobian = xp.einsum("eai,gaj->egij", points[mesh.cells], dxi, optimize=True)
-        inverse, det = _inverse(xp, jacobian)
-        dN, weight = xp.asarray(dxi)[None] @ inverse, det * w[None]
-        theta = xp.asarray(N)[None] @ points[mesh.cells]
-        g = _at_points(coordinates.g, theta) if coordinates.curved else np.ones(theta.shape)
-        weight, dN = weight * xp.prod(g, axis=-1), dN / g[:, :, None, :]
-        columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, N, dN, theta, g)
+        if large and like is not None:
+            of_body = {name: getattr(like, name) for name in _OF_BODY}
+        else:
+            of_body = _of_body(scene, points, checks.is_traced((points, frame, ties.scale)))
+            of_body |= {"frame": frame, "points": points, "material": scene.material, "cells": mesh.cells}
+        columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, of_body)
         n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
         multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
-        arrays: dict[str, Any] = {
+        arrays: dict[str, Any] = of_body | {
             "columns": columns,
             "gradient": gradient,
-            "weight": weight,
-            "frame": frame,
             "local_u": unknowns,
             "local_multipliers": np.stack(multipliers, axis=1),
-            "material": scene.material,
-            "N": N,
-            "dN": dN,
-            "theta": theta,
-            "inverse_g": 1.0 / g,
-            "cells": mesh.cells,
             "tie_index": ties.index,
             "tie_scale": ties.scale,
             "surfaces": dict(surfaces),
             "cavities": tuple(cavities),
-            "points": points,
         }
         n_and_kinds: dict[str, Any] = {"n_u": ties.size, "n_p": n_p, "n_q": n_q, "kinds": scene.kinds}
         own = geometry is not None
-        return cls(coordinates=coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
+        return cls(coordinates=mesh.coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
+
+
+#: What is the same in all states of a body.
+_OF_BODY = ("N", "dN", "weight", "theta", "inverse_g", "frame", "points", "material", "cells")
+
+
+def _of_body(scene: Scene, points: Any, traced: bool) -> dict[str, Any]:
+    """N, dN, weight, θ and 1/g(θ) at the Gauss points, see `System`; points: (n_nodes, 3)."""
+    xp, coordinates = jnp if traced else np, scene.mesh.coordinates
+    xi, w = gauss(*scene.orders)
+    N, dxi = shape(xi), shape_gradient(xi)
+    nodes = points[scene.mesh.cells]
+    inverse, det = _inverse(xp, xp.einsum("eai,gaj->egij", nodes, dxi, optimize=True))
+    dN, weight = xp.asarray(dxi)[None] @ inverse, det * w[None]
+    theta = xp.asarray(N)[None] @ nodes
+    g = _at_points(coordinates.g, theta) if coordinates.curved else np.ones(theta.shape)
+    weight, dN = weight * xp.prod(g, axis=-1), dN / g[:, :, None, :]
+    return {"N": N, "dN": dN, "weight": weight, "theta": theta, "inverse_g": 1.0 / g}
 
 
 @jax.jit
@@ -197,9 +204,10 @@ def _at_points(function: Any, theta: Any) -> Any:
     return found.reshape(*theta.shape[:2], *found.shape[1:])
 
 
-def _columns(scene: Scene, ties: Ties, N: NDArray[np.float64], dN: Any, theta: Any, g: Any) -> tuple[Any, Any, Any]:
+def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any, Any, Any]:
     """The columns, the gradient and the unknowns of each element, see `System`."""
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
+    N, dN, theta, inverse_g = (of_body[name] for name in ("N", "dN", "theta", "inverse_g"))
     n_e, n_g = theta.shape[:2]
     # The distinct unknowns of each element, padded to the longest list with columns of zeros.
     dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
@@ -215,11 +223,11 @@ def _columns(scene: Scene, ties: Ties, N: NDArray[np.float64], dN: Any, theta: A
     slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
     # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
     columns = xp.einsum("egaj,eail->egijl", dN, slots)
-    gradient = g[:, :, :, None, None] * columns
+    gradient = columns / inverse_g[:, :, :, None, None]
     by_theta = xp.einsum("ga,eail->egil", N, slots)
     if coordinates.curved:
         by_g = _at_points(coordinates.by_theta, theta)  # ∂g_i/∂θ_k
-        diagonal = xp.einsum("egik,egkl->egil", by_g, by_theta) / g[..., None]
+        diagonal = xp.einsum("egik,egkl->egil", by_g, by_theta) * inverse_g[..., None]
         gradient = gradient + diagonal[:, :, :, None] * np.eye(3)[None, None, :, :, None]
     columns = columns.reshape(n_e, n_g, 9, n_local)
     if coordinates.curved:
