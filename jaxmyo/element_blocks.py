@@ -30,10 +30,6 @@ _FIRST, _SECOND = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 #: ∂C_11 = 2 F_i1 ∂F_i1, but ∂C_12 = F_i1 ∂F_i2 + F_i2 ∂F_i1.
 _TWICE = 1.0 + np.eye(3)
 
-_A, _B = _I // 3, _J // 3
-#: Where the upper triangle stands when the pairs of nodes a ≤ b are in the order a, i, j, b.
-_IN_ROWS = 9 * (8 * _A - _A * (_A - 1) // 2) + (3 * (_I % 3) + _J % 3) * (8 - _A) + _B - _A
-
 
 class Elements(NamedTuple):
     """What is known of a block of N elements, see `System`.
@@ -89,7 +85,7 @@ def terms(
     inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
     """
     r, K, B, D, r_m, least_J = _of_groups(partial(_of_points, u=u, m=m), system, e, inputs)
-    K = K[_IN_ROWS] * (e.scale[_I] * e.scale[_J])
+    K = K[8 * (3 * _I + _J % 3) + _J // 3] * (e.scale[_I] * e.scale[_J])
     B = _separate(B * e.scale[:, None])
     for n in range(system.multipliers):
         if inside[n]:
@@ -130,17 +126,14 @@ def _of_groups(of_points: Callable[..., Any], system: System, e: Elements, input
 
 
 def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
-    """Sums over the points for a block: r (24, N), K (324, N), B (24, multipliers, N), D, r_m, least_J."""
+    """Sums over the points for a block: r (24, N), K (576, N) of a i j b, B (24, multipliers, N), D, r_m, least_J."""
     at, c, place = _points(system, e, u, m, inputs)
 
-    def derivatives(c: Array, *place: Array) -> tuple[Array, Array]:
-        # Forward mode: for so few variables it compiles and runs several times faster than reverse mode.
-        first = jax.jacfwd(lambda c: _density(system, c, place, inputs))
-        return first(c), jax.jacfwd(first)(c)
-
+    first = _derivative(system, inputs)
+    both = jax.vmap(lambda *at: (first(*at), jax.jacfwd(first)(*at)), in_axes=-1, out_axes=-1)
     weight = e.weight.reshape(-1)
     twice = _TWICE[:, :, None] * weight[None, None]
-    by_c, by_cc = jax.vmap(derivatives, in_axes=-1, out_axes=-1)(c, *place)
+    by_c, by_cc = both(c, *place)
     by_c, by_cc = _separate(by_c) * weight[None], _separate(by_cc)
     S = _separate(by_c[_VOIGT] * _TWICE[:, :, None])
     by_F = _sum(at.F[:, k, None] * S[None, k] for k in range(3))
@@ -160,26 +153,19 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
     of = range(G.shape[1])
     M = by_yy.reshape(*by_yy.shape[:-1], *shape)  # i k j l g N
     half = _separate(_sum(M[:, :, :, n, None] * G[None, None, None, :, n] for n in of))  # i k j b g N
-    rows = [
-        _sum(G[a, n, g][None, None, None] * half[:, n, :, a:, g] for n in of for g in points) for a in range(8)
-    ]  # i j b N, b ≥ a
-    K = jnp.concatenate([_separate(row.reshape(-1, shape[1])) for row in rows])
+    K = _separate(_sum(G[:, None, None, None, n, g] * half[None, :, n, :, :, g] for n in of for g in points))
     M_m = by_ym.reshape(*by_ym.shape[:-1], *shape)  # i k m g N
     B = _separate(_sum(G[:, None, n, None, g] * M_m[None, :, n, :, g] for n in of for g in points))
     D = jnp.stack([jnp.sum((weight * by_cc[6 + n, 6 + n]).reshape(shape), axis=0) for n in multipliers])
     r = _at_nodes(system, e, _first(at, by_F))
-    return r, K, B.reshape(24, *B.shape[2:]), D, _of_multipliers(by_c, e), _least_J(system, at)
+    return r, K.reshape(576, -1), B.reshape(24, *B.shape[2:]), D, _of_multipliers(by_c, e), _least_J(system, at)
 
 
 def _first_of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
     """Sums over the points for a block: r (24, N), r_m (multipliers, N), and least_J."""
     at, c, place = _points(system, e, u, m, inputs)
 
-    def energy(c: Array) -> Array:
-        each = jax.vmap(lambda c, *place: _density(system, c, place, inputs), in_axes=-1)(c, *place)
-        return e.weight.reshape(-1) @ each
-
-    by_c = _rows(jax.grad(energy)(c))
+    by_c = _rows(jax.vmap(_derivative(system, inputs), in_axes=-1, out_axes=-1)(c, *place)) * e.weight.reshape(1, -1)
     S = by_c[_VOIGT] * _TWICE[:, :, None]
     by_F = _sum(at.F[:, k, None] * S[None, k] for k in range(3))
     return _at_nodes(system, e, _first(at, by_F)), _of_multipliers(by_c, e), _least_J(system, at)
@@ -205,9 +191,14 @@ def _points(system: System, e: Elements, u: Array, m: Array, inputs: Inputs) -> 
     return at, c, (e.frame.reshape(3, 3, -1), *tensions, _at_points(e.material, e))
 
 
-def _density(system: System, c: Array, place: tuple[Array, ...], inputs: Inputs) -> Array:
-    frame, T_f, T_cf, material = place
-    return density(system, c, frame, T_f, T_cf, material, inputs)
+def _derivative(system: System, inputs: Inputs) -> Callable[..., Array]:
+    """(c, frame, T_f, T_cf, material) of a point ↦ the derivative of the density by c [kPa]."""
+
+    def energy(c: Array, frame: Array, T_f: Array, T_cf: Array, material: Array) -> Array:
+        return density(system, c, frame, T_f, T_cf, material, inputs)
+
+    # Forward mode: for so few variables it compiles and runs several times faster than reverse mode.
+    return jax.jacfwd(energy)
 
 
 def _first(at: _Points, by_F: Array) -> Array:
