@@ -125,9 +125,11 @@ def _of_groups(of_points: Callable[..., Any], system: System, e: Elements, input
 
 
 def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
-    """Sums over the points for a block: r (24, N), K (576, N) of a i j b, B (24, multipliers, N), D, r_m, least_J."""
-    at, c, place = _points(system, e, u, m, inputs)
+    """Sums over the points for a block: r (24, N), K (576, N) of a i j b, B (24, multipliers, N), D, r_m, least_J.
 
+    Indices: i, j displacements; k, l their derivatives; a, b nodes; g points; N elements.
+    """
+    at, c, place = _points(system, e, u, m, inputs)
     first = _derivative(system, inputs)
     both = jax.vmap(lambda *at: (first(*at), jax.jacfwd(first)(*at)), in_axes=-1, out_axes=-1)
     weight = e.weight.reshape(-1)
@@ -163,7 +165,6 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
 def _first_of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
     """Sums over the points for a block: r (24, N), r_m (multipliers, N), and least_J."""
     at, c, place = _points(system, e, u, m, inputs)
-
     by_c = _rows(jax.vmap(_derivative(system, inputs), in_axes=-1, out_axes=-1)(c, *place)) * e.weight.reshape(1, -1)
     S = by_c[_VOIGT] * _TWICE[:, :, None]
     by_F = _sum(at.F[:, k, None] * S[None, k] for k in range(3))
