@@ -63,7 +63,7 @@ CASES: dict[str, Callable[[], Body]] = {
     "one point": lambda: tied(True, 1),
 }
 #: The others take the same ways.
-QUICK = {"weave", "prolate, tensions", "ties, materials and patches"}
+QUICK = {"prolate, tensions", "ties, materials and patches"}
 each = pytest.mark.parametrize("case", [pytest.param(c, marks=[] if c in QUICK else pytest.mark.slow) for c in CASES])
 
 
