@@ -19,13 +19,14 @@ import numpy as np
 from jax import Array
 from jax.experimental.layout import Layout, with_layout_constraint
 
-from jaxmyo.lagrangian import COMPONENTS, density
+from jaxmyo.lagrangian import density
 from jaxmyo.pattern import UPPER
 from jaxmyo.system import Inputs, System
 
 _I, _J = UPPER
-#: Which of the components 11, 22, 33, 12, 13, 23 of C stands where in the tensor.
+#: Which of the components 11, 22, 33, 12, 13, 23 of C stands where in the tensor, and the indices of each.
 _VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+_COMPONENTS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 #: ∂C_11 = 2 F_i1 ∂F_i1, but ∂C_12 = F_i1 ∂F_i2 + F_i2 ∂F_i1.
 _TWICE = 1.0 + np.eye(3)
 
@@ -185,7 +186,7 @@ def _points(system: System, e: Elements, u: Array, m: Array, inputs: Inputs) -> 
         theta = theta.reshape(3, -1)
         g, by_g = (_evaluated(f, theta) for f in (system.coordinates.g, system.coordinates.by_theta))
         at = _Points(g[:, None] * H, H, theta, g, by_g)
-    first, second = COMPONENTS
+    first, second = _COMPONENTS
     C = _sum(at.F[i][first] * at.F[i][second] for i in range(3))
     c = _separate(jnp.concatenate([_separate(C), _at_points(m, e)]))
     tensions = (inputs.T_f.reshape(-1), inputs.T_cf.reshape(-1))

@@ -54,10 +54,6 @@ def _of_kind(
     return W + energies.weave(I4(C, frame), I6(C, frame), c[7], inputs.a_over_D, inputs.softness)
 
 
-#: The indices of the components 11, 22, 33, 12, 13, 23.
-COMPONENTS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-
-
 def symmetric(c: Array) -> Array:
     """The symmetric (3, 3) tensor of the components 11, 22, 33, 12, 13, 23."""
     return jnp.stack([c[0], c[3], c[4], c[3], c[1], c[5], c[4], c[5], c[2]]).reshape(3, 3)
@@ -68,8 +64,8 @@ def strain(coordinates: Coordinates, y: Array) -> Array:
     F, rest = y[:9].reshape(3, 3), y[9:]
     if coordinates.curved:
         F, rest = coordinates.g(y[9:12])[:, None] * F, y[12:]
-    first, second = COMPONENTS  # row by row: XLA takes longer for products of small matrices
-    return jnp.concatenate([F[0][first] * F[0][second] + F[1][first] * F[1][second] + F[2][first] * F[2][second], rest])
+    C = F.T @ F
+    return jnp.concatenate([jnp.stack([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2]]), rest])
 
 
 def variables(c: Coordinates, nodes: Array, dN: Array, N: Array, theta: Array, inverse_g: Array) -> Array:
