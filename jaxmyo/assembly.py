@@ -29,6 +29,7 @@ FLIGHT = 4  # chunks that are computed ahead
 Found = TypeVar("Found")
 
 _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
+#: For what waits for those threads itself.
 _BESIDE = ThreadPoolExecutor(2, thread_name_prefix="jaxmyo-compile")
 
 
@@ -62,9 +63,8 @@ def _rates(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs,
     """The change of `_forces` and constraints with u and the inputs."""
 
     def block(at: tuple[Any, ...]) -> tuple[Any, Any]:
-        e, m, *T_and_dT = at
-        both = zip((inputs, by_t), T_and_dT, strict=True)
-        where, change = zip((u, du), (_with_tensions(x, T) for x, T in both), strict=True)
+        e, m, T, dT = at
+        where, change = (u, _with_tensions(inputs, T)), (du, _with_tensions(by_t, dT))
         return jax.jvp(lambda u, inputs: element_blocks.forces(system, e, u, m, inputs)[:2], where, change)[1]
 
     return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
@@ -144,8 +144,7 @@ class Assembly:
         self._elements = [Elements(*(jnp.asarray(x[chunk]) for x in every)) for chunk in self.chunks]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
-        of_elements = ("cells", "dN", "weight", "frame", "theta", "inverse_g", "material")
-        own = (*of_elements, "tie_index", "tie_scale", "points", "local_multipliers")
+        own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
         bare: dict[str, Any] = dict.fromkeys(own, none)
         self._shared = replace(system, n_u=0, n_p=0, n_q=0, surfaces={}, cavities=(), **bare)
         loads: dict[str, Any] = {"surfaces": system.surfaces, "cavities": system.cavities, "points": system.points}

@@ -124,9 +124,8 @@ def pattern(
     number[a, b] = number[b, a] = np.arange(len(a))
     number = number[_I // 3, _J // 3]
     within = np.stack([3 * (_I % 3) + _J % 3, 3 * (_J % 3) + _I % 3]).astype(np.int32)
-    nowhere = np.full(9, len(found), dtype=np.int32)  # the pairs of no element
-    at = np.append(at, nowhere)
-    pair = in_blocks((9 * pair_of).reshape(len(cells), -1), n_blocks, len(at) - 9)
+    at = np.append(at, np.full(9, len(found), dtype=np.int32))  # the pair of nodes of no element
+    pair = in_blocks((9 * pair_of).reshape(len(cells), -1), n_blocks, len(keys))
     swapped = in_blocks(cells[:, a] > cells[:, b], n_blocks, False)
     positions = np.empty((n_blocks, len(_I), BLOCK), dtype=np.int32)
     for k in range(n_blocks):

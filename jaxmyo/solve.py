@@ -139,7 +139,7 @@ def problem(state: State, conditions: tuple[Condition, ...], start: State | None
     ties = scene.kinematics(tuple(c for c in conditions if isinstance(c, Tie | Spring)), geometry and geometry.points)
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
     traced = (origin.status, state.status, conditions)
-    system = loading(scene, ties, surfaces, walls, traced, geometry, state.system)
+    system = loading(scene, ties, surfaces, walls, traced, state.system)
     none = jnp.zeros(system.size)
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, volumes=volumes)
     end = end._replace(imbalance=none)
@@ -217,13 +217,13 @@ def loading(
     surfaces: dict[str, np.ndarray],
     walls: Sequence[np.ndarray],
     traced: Any,
-    geometry: Geometry | None = None,
     like: System | None = None,
 ) -> System:
     """The system of a state C, dense if any of its inputs is traced; walls: of cavities of prescribed volume.
 
-    like: the system of another state of the body, if there is one.
+    like: the system of another state of the body, whose geometry may not be the scene's, if there is one.
     """
+    geometry = like.geometry if like else None
     kinds: Any = {"weave": False, "surfaces": surfaces, "cavities": walls, "large": _is_large(ties, traced, geometry)}
     system = System.of(scene, ties, **kinds, geometry=geometry, like=like)
     if not checks.is_traced((geometry, ties.scale)):
