@@ -26,7 +26,7 @@ from jaxmyo.compiler import QUICK
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
 #: Files that take a minute or more: first, so that both workers end together.
-LONG = ["test_readme.py", "test_tube.py", "test_sparse.py", "test_derivatives.py", "test_homogeneous.py"]
+LONG = ["test_loads.py", "test_surface.py", "test_tube.py", "test_own_law.py", "test_newton.py", "test_table1.py"]
 
 CACHE = pytest.StashKey[str]()
 

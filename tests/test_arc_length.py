@@ -62,6 +62,7 @@ def inflated(n: int, Ri: float, Ro: float, until: float) -> jm.Trace:
     return jm.trace(balloon(n, Ri, Ro), load, stop=lambda s: inner(s) > until)
 
 
+@pytest.mark.slow
 def test_a_sphere_beyond_its_limit_point() -> None:
     """The limit is the greatest pressure, as far as four elements tell; beyond it one mode is unstable."""
     Ri, Ro = 1.0, 2.0

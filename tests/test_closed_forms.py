@@ -135,6 +135,7 @@ def test_filling_a_sphere_beyond_its_limit_point() -> None:
     assert_second_order(*errors, 3.8, 4.2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("always_sparse")
 @pytest.mark.parametrize("ends", ["open", "closed"])
 def test_filling_and_pressure_are_one_before_the_limit_point(ends: Any) -> None:

@@ -252,6 +252,7 @@ def test_hessian_in_a_batch() -> None:
     np.testing.assert_allclose(batched, jnp.swapaxes(batched, 1, 2), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_path_does_not_matter() -> None:
     """A derivative is the same however the state was reached, and 0 by where it came from."""
     scene = jm.thin_sample()
@@ -380,6 +381,7 @@ def test_tensions_of_a_singular_state() -> None:
     assert zero[1] == 0
 
 
+@pytest.mark.slow
 def test_a_singular_state() -> None:
     """Without activation the law resists no shear at rest: stretches move like a root, and no derivative is made up."""
     scene = jm.thin_sample()

@@ -137,6 +137,7 @@ def test_a_contracted_sample_is_elliptic_though_it_is_unstable() -> None:
 # --------------------------------------------------------------------------------------------- what a failure says
 
 
+@pytest.mark.slow
 def test_a_failed_solve_says_that_the_material_is_lost_and_where() -> None:
     """Fibres under a compressive force soften until it has a maximum; the material is lost long before."""
     stiff = jm.thin_sample(law=reinforced, constants=(MU, 50.0 * MU))

@@ -112,6 +112,7 @@ def test_refined_box(sample: jm.State, tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.cell_data["p_kPa"][0], np.repeat(np.asarray(sample.p), 6))
 
 
+@pytest.mark.slow
 def test_ring(tube: jm.State, tmp_path: Path) -> None:
     mesh, cells = read(write_vtu(tmp_path / "a.vtu", tube, refine=(1, SEGMENTS, 1)))
     assert (len(mesh.points), len(cells)) == (4 * SEGMENTS * 2, 3 * SEGMENTS)  # the ring closes

@@ -84,6 +84,7 @@ def test_the_branch_of_the_tube_ends_at_its_limit_point() -> None:
     assert A.z[0, 0] + 2.0 == pytest.approx(exact.ri, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_hole_that_closes_ends_the_path() -> None:
     """The nodes inside came out at negative radii, which no Gauss point sees: of no body, though converged."""
     scene = jm.radial_tube(4, Ri=0.073, Ro=2.073)
@@ -183,6 +184,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert {"report.md", "maps.png", "inf_sup.png"} <= {Path(file).name for file in found["files"]}
 
 
+@pytest.mark.slow
 def test_a_branch_that_is_unstable_from_rest_on_is_followed_where_there_is_no_other() -> None:
     """Passive tissue under a stretch along its fibres: λcf = λn by symmetry, stable across them or not."""
     A = jm.contract(jm.thin_sample(), T0=0.0, beta=0.0, a_over_D=None)

@@ -63,6 +63,7 @@ def test_T0_alone(without_weave: Problem) -> None:
     assert found.problem.n == 54
 
 
+@pytest.mark.slow
 def test_passive_constants(without_weave: Problem) -> None:
     found = fitting.fit(without_weave.without("contracted").fitting(*PASSIVE))
     assert found.rms <= 0.41

@@ -39,7 +39,7 @@ def draw() -> tuple[np.ndarray, ...]:
     return T0, a_over_D, beta, l1, l2
 
 
-@pytest.fixture(scope="module", params=["table1", "measured"])
+@pytest.fixture(scope="module", params=["table1", pytest.param("measured", marks=pytest.mark.slow)])
 def set_name(request: pytest.FixtureRequest) -> str:
     return request.param
 

@@ -178,6 +178,7 @@ def test_mesh_under_stretches(stretched: jm.State, exact: reference.Loaded) -> N
     assert_is(stretched, exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measure", ["cauchy", "nominal"])
 def test_mesh_under_tractions(state_a: jm.State, exact: reference.Loaded, measure: str) -> None:
     """Tractions that the reference finds for the stretches give these stretches back, in either measure."""
@@ -185,6 +186,7 @@ def test_mesh_under_tractions(state_a: jm.State, exact: reference.Loaded, measur
     assert_is(jm.load(state_a, *conditions(measure, tuple(values[:2]))), exact)
 
 
+@pytest.mark.slow
 def test_rigid_plates_change_nothing_in_a_homogeneous_state(state_a: jm.State, exact: reference.Loaded) -> None:
     plates = jm.Planar("x1", "x"), jm.Planar("y1", "y")
     state = jm.load(state_a, *plates, *conditions("nominal", tuple(exact.nominal[:2])))

@@ -60,6 +60,7 @@ def test_a_symmetry_plane_and_a_support_moved_by_their_own_value() -> None:
     np.testing.assert_allclose(np.asarray(carried.cauchy), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_support_holds_again_without_its_motion() -> None:
     """From a state with a moved support to one without: back at rest."""
     at_rest = bar((*CLAMP, *OTHER))

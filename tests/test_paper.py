@@ -25,6 +25,7 @@ def test_the_printed_table_is_the_one_of_the_reference() -> None:
     assert rows == [tuple(row) for row in reference.PRINTED_TABLE]
 
 
+@pytest.mark.slow
 def test_the_set_of_table_1_reproduces_it() -> None:
     found = table("table1")
     assert found.reproduced

@@ -66,6 +66,7 @@ def test_exact_states(name: str, acting: bool) -> None:
     assert found.A.q == pytest.approx(half.A.q, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("q_space", ["uniform", "local"])
 @pytest.mark.parametrize("k", [10.0, 1e4])
 def test_exact_states_with_a_soft_weave(q_space: Any, k: float) -> None:
@@ -97,6 +98,7 @@ def pairs(name: str) -> list[list[Pair]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["table1", "printed"])
 def test_other_tensions_are_on_the_branch_of_the_cycle(name: str) -> None:
     accuracy = Accuracy([], pairs(name), np.zeros(()), np.zeros(()))

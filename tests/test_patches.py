@@ -110,6 +110,7 @@ def test_patches_that_make_no_sense(row: jm.Mesh, numbers: Any, error: Any, word
 # ------------------------------------------------------------------------------------------- multipliers of a state
 
 
+@pytest.mark.slow
 def test_a_state_has_one_multiplier_per_patch_and_meets_each_in_the_mean() -> None:
     """A radial tube of 4 shells: p on pairs of them, q on the wall."""
     scene = jm.radial_tube(4)

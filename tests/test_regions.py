@@ -152,6 +152,7 @@ def test_regions_of_one_material_are_no_regions() -> None:
         assert_same(state, reference, 1e-10)
 
 
+@pytest.mark.slow
 def test_the_weave_of_a_region_is_counted_there_only() -> None:
     """One element of three has a weave: 3 + 1 conditions on the 5 displacements of the tube, which are not too many."""
     tube = jm.radial_tube(3, law=neo_hookean, constants=SOFT)

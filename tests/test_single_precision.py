@@ -35,6 +35,7 @@ def test_mixed_is_as_exact_as_float64() -> None:
     np.testing.assert_allclose(np.asarray(mixed.q), np.asarray(double.q), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_a_mixed_state_is_that_of_float64() -> None:
     def stretch(T0: Any, settings: jm.Settings) -> Any:
         return jm.contract(jm.thin_sample(), T0=T0, a_over_D=0.2, settings=settings).mean("stretches")[0]

@@ -77,6 +77,7 @@ def test_derivatives_of_a_study(result: jm.Study) -> None:
     assert (result.derivative_status == Status.CONVERGED).all()
 
 
+@pytest.mark.slow
 def test_a_failed_sample_disturbs_no_other(scene: jm.Scene) -> None:
     """An activation that cannot be, and rest: without the weave there is no stiffness, hence no derivative."""
 

@@ -87,6 +87,7 @@ def test_all_but_one_entry_of_the_table_are_within_rounding(one_element: np.ndar
     assert (np.abs(one_element[:, 0] - PRINTED) > 0.005).sum() <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["printed", "table1", "measured"])
 def test_every_set_of_constants_agrees_with_the_reference(name: str) -> None:
     expected = np.array(reference.table1(reference.SETS[name]))

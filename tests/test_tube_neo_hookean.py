@@ -85,6 +85,7 @@ def test_rest_is_free_of_stress() -> None:
     np.testing.assert_allclose(np.asarray(state.cauchy), 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("P", "lz", "twist"),
     [
@@ -173,6 +174,7 @@ def test_torsion_of_a_solid_cylinder(twist: float) -> None:
     np.testing.assert_allclose(measured(state)[2:], [loads.force, loads.moment], rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twist", [0.02, 0.1])
 def test_a_twisted_cylinder_grows_longer(twist: float) -> None:
     """Free of axial force, λ³ = 1 + ¼ t² Ro²; r = R / √λ and the moment is ½ π μ t Ro⁴ / λ.

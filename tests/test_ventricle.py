@@ -88,6 +88,7 @@ def test_volume_and_pressure_drive_alike() -> None:
     np.testing.assert_allclose(np.asarray(by_volume.u), np.asarray(by_pressure.u), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_work_of_the_pressure_is_stored() -> None:
     """∫ P dV by Gauss's rule in V; the discrete body conserves energy on any mesh, so only the rule has an error."""
     rest, end = filled((2, 8), "sliding")
