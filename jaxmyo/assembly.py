@@ -19,8 +19,9 @@ import scipy.sparse as sp
 from jax import Array
 
 from jaxmyo import compiler, element_blocks, lagrangian, surface
+from jaxmyo.coordinates import evaluate
 from jaxmyo.element_blocks import Elements, Terms
-from jaxmyo.pattern import BLOCK, Floats, Ints, in_blocks, pattern
+from jaxmyo.pattern import BLOCK, Floats, Ints, in_blocks, pattern, same_components
 from jaxmyo.system import Inputs, System
 
 CHUNK = 8  # blocks per call
@@ -260,6 +261,30 @@ class Assembly:
         forces, volumes = loads
         r += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(r))
         r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
+
+    def metric(self) -> Floats:
+        """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
+        data = np.zeros(self.pattern.nnz + 1)
+        for chunk in self.chunks:
+            self.pattern.add_upper(data, chunk, self._element_metric(chunk))
+        return data[:-1]
+
+    def _element_metric(self, chunk: slice) -> Floats:
+        """The upper triangles (n_blocks, 300, BLOCK) of some elements."""
+        s, N = self.system, np.asarray(self.system.N)
+        first, last = (BLOCK * k for k in (chunk.start, chunk.stop))
+        weight, dN, inverse_g, theta = (np.asarray(x)[first:last] for x in (s.weight, s.dN, s.inverse_g, s.theta))
+        weighted = (weight[:, :, None] / inverse_g**2)[:, :, :, None, None] * dN[:, :, None]  # e g i a k
+        stiffness = np.einsum("egiak,egbk->eiab", weighted, dN, optimize=True)
+        if s.coordinates.curved:
+            by = evaluate(s.coordinates.by_theta, theta.reshape(-1, 3)).reshape(*theta.shape, 3)  # ∂g_j/∂θ_i
+            hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
+            stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
+        upper, i, a, b = same_components()
+        K, scale = np.zeros((chunk.stop - chunk.start, 300, BLOCK)), self.scale[chunk]
+        own = in_blocks(stiffness[:, i, a, b], len(K))
+        K[:, upper] = own * scale[:, 3 * a + i] * scale[:, 3 * b + i]
+        return K
 
     @property
     def loaded(self) -> bool:

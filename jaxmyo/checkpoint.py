@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxmyo import restart
 from jaxmyo.continuation import Solution
-from jaxmyo.fingerprint import fingerprint, hash_of
+from jaxmyo.fingerprint import differing, fingerprint, hash_of
 from jaxmyo.scene import Scene
 from jaxmyo.system import Inputs
 
@@ -44,8 +44,7 @@ def read(path: Path, own: dict[str, str], constants: Any) -> Found:
     if not path.exists():
         return []
     header, content = restart.read(path, FORMAT, VERSION, "steps", "cycle(out=...)")
-    of_file = header["cycle"]
-    if differ := [part for part in own | of_file if own.get(part) != of_file.get(part)]:
+    if differ := differing(own, header["cycle"]):
         raise ValueError(
             f"out = {path} is of another cycle; they differ in: {', '.join(differ)}. Choose another file, or repeat "
             "that cycle as it was begun"

@@ -104,9 +104,12 @@ def cycle(
         for name, states in (("A", A), ("C", C)):
             if not bool(jnp.all(states.converged)):
                 k = int(np.argmin(np.asarray(states.converged)))
-                where, failed = f"state {name} at s = {times[k]:g}", states[k]
-                raise SolveError(lambda: f"{where}: {failed.message}", failed)  # noqa: B023 - the loop ends here
+                raise _not_found(f"state {name} at s = {times[k]:g}", states[k])
     return Cycle(times, A, C)
+
+
+def _not_found(which: str, state: State) -> SolveError:
+    return SolveError(lambda: f"{which}: {state.message}", state)
 
 
 class _Step(NamedTuple):

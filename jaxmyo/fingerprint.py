@@ -43,6 +43,11 @@ def fingerprint(scene: Scene) -> dict[str, str]:
     }
 
 
+def differing(own: dict[str, str], other: dict[str, str]) -> list[str]:
+    """The parts in which two fingerprints differ."""
+    return [part for part in own | other if own.get(part) != other.get(part)]
+
+
 def _region(scene: Scene, k: int, name: str) -> list[Any]:
     kind = scene.kinds[k]
     return [f"{name} {kind.active} {kind.weave}", np.flatnonzero(scene.material == k)]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from jaxmyo import checks
 from jaxmyo.conditions import BodyForce, Pressure, Spring, Traction
 from jaxmyo.files import whole
-from jaxmyo.fingerprint import fingerprint
+from jaxmyo.fingerprint import differing, fingerprint
 from jaxmyo.scene import Scene
 from jaxmyo.state import State
 from jaxmyo.system import Geometry, Inputs, System
@@ -59,8 +59,7 @@ def load_state(path: str | Path, scene: Scene) -> State:
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene; got {scene!r}")
     header, content = read(Path(path), FORMAT, VERSION, "state", "save_state")
-    own, of_file = fingerprint(scene), header["scene"]
-    if differ := [part for part, value in own.items() if value != of_file.get(part)]:
+    if differ := differing(fingerprint(scene), header["scene"]):
         raise ValueError(f"scene is not the one of the state in {path}; they differ in: {', '.join(differ)}")
     constants = jax.tree.unflatten(jax.tree.structure(scene.constants_of_kinds()), content["inputs"].pop("constants"))
     return State(

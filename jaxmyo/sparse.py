@@ -1,13 +1,7 @@
 """The linearised system of a large body: sparse, with the multipliers eliminated by an augmented Lagrangian.
 
-With p on one element, A + BᵀWB has the pattern of A, and one factorisation of it solves the saddle system
-
-    [A  Bᵀ] [u]   [a]
-    [B   D] [m] = [b]        u = Â⁻¹ (a + BᵀW b),  m = W (B u − b),   Â = A + BᵀWB,  W = (V/γ − D)⁻¹
-
-up to a remainder of 1/γ, which a few Krylov iterations on the saddle system itself remove. The same factors serve as
-the preconditioner of the next Newton steps, as long as that takes few iterations; the residual that counts is always
-that of the saddle system. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
+One factorisation serves as the preconditioner of several Newton steps, as long as that takes few iterations, see
+`jaxmyo.saddle`. An unsymmetric tangent (follower loads) is factorised by its symmetric part.
 """
 
 import time
@@ -19,15 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, gcrotmk
-from threadpoolctl import ThreadpoolController
 
-from jaxmyo import checks, factor, lagrangian, linear
+from jaxmyo import checks, factor, lagrangian, linear, saddle
 from jaxmyo.assembly import Assembly
-from jaxmyo.coordinates import evaluate
 from jaxmyo.linear import At, Scales
-from jaxmyo.pattern import BLOCK, DIAGONAL, distinct, in_blocks, same_components
+from jaxmyo.pattern import DIAGONAL, Floats, distinct
+from jaxmyo.saddle import Factored, Tangent
 from jaxmyo.status import SingularError
 from jaxmyo.system import Inputs, System
 from jaxmyo.ties import rigid_unknowns
@@ -39,34 +30,6 @@ NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tange
 SOFT = 1e-5  # stiffness of a motion, over the largest, below which linear systems may not be solved exactly [–]
 SOFTER = 0.25  # change of stiffness, as a fraction, between two tangents that may have different inertia [–]
 SLOW = 0.03  # ratio of the residuals of two iterations from which on a new tangent is worth its assembly [–]
-_BLAS = ThreadpoolController().select(internal_api="openblas")
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Tangent:
-    """The saddle matrix at one state z, under some inputs.
-
-    data: (nnz,) upper triangle of A + BᵀWB; loads: (n_u, n_u) derivative of the loads, which A leaves out, or None;
-    B: (n_m, n_u); D, W: (n_m,); walls: (n_cavities, n_u) coupling with the pressures in cavities; diagonal: (n_u,) of A
-    less the loads.
-    """
-
-    z: Floats
-    inputs: Inputs
-    data: Floats
-    loads: sp.csr_matrix | None
-    B: sp.csr_matrix
-    D: Floats
-    W: Floats
-    walls: Floats
-    diagonal: Any
-
-    @property
-    def bytes(self) -> int:
-        """Of its largest parts."""
-        return self.data.nbytes + self.B.data.nbytes + self.B.indices.nbytes
 
 
 class Sparse:
@@ -101,12 +64,12 @@ class Sparse:
         self._is_inside = np.zeros(self.n_m)
         for own, alone in zip(patch.T, single, strict=True):
             self._is_inside[own] = alone
-        self._metric = self._metric_data()
+        self._metric = self.assembly.metric()
         self.scale = self._scales(self._metric[self.pattern.diagonal], index, moves, patch)
         self._volume = np.asarray(self.scale.volume)[n_u : n_u + self.n_m]
         self.factors = factor.solver(self.pattern, self._metric, self._rigid)
         self._stiffness = 0.0  # of the body [kPa]; 0 before it is known
-        self._factored: Tangent | None = None
+        self._factored: Factored | None = None
         self._stiffened = False
         self._compared: Tangent | None = None
         self._apart = np.inf
@@ -127,30 +90,6 @@ class Sparse:
             _known.pop(0).release()
         _known.append(cls(system))
         return _known[-1]
-
-    def _metric_data(self) -> Floats:
-        """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""
-        data = np.zeros(self.pattern.nnz + 1)
-        for chunk in self.assembly.chunks:
-            self.pattern.add_upper(data, chunk, self._element_metric(chunk))
-        return data[:-1]
-
-    def _element_metric(self, chunk: slice) -> Floats:
-        """The upper triangles (n_blocks, 300, BLOCK) of some elements."""
-        s, N = self.system, np.asarray(self.system.N)
-        first, last = (BLOCK * k for k in (chunk.start, chunk.stop))
-        weight, dN, inverse_g, theta = (np.asarray(x)[first:last] for x in (s.weight, s.dN, s.inverse_g, s.theta))
-        weighted = (weight[:, :, None] / inverse_g**2)[:, :, :, None, None] * dN[:, :, None]  # e g i a k
-        stiffness = np.einsum("egiak,egbk->eiab", weighted, dN, optimize=True)
-        if s.coordinates.curved:
-            by = evaluate(s.coordinates.by_theta, theta.reshape(-1, 3)).reshape(*theta.shape, 3)  # ∂g_j/∂θ_i
-            hoop = np.einsum("eg,egji->egi", weight, (by * inverse_g[..., None]) ** 2)
-            stiffness = stiffness + np.einsum("egi,ga,gb->eiab", hoop, N, N, optimize=True)
-        upper, i, a, b = same_components()
-        K, scale = np.zeros((chunk.stop - chunk.start, 300, BLOCK)), self.assembly.scale[chunk]
-        own = in_blocks(stiffness[:, i, a, b], len(K))
-        K[:, upper] = own * scale[:, 3 * a + i] * scale[:, 3 * b + i]
-        return K
 
     def _scales(self, diagonal: Floats, index: Any, moves: Any, patch: Any) -> Scales:
         n_u, size = self.system.n_u, np.asarray(self.system.weight).sum(axis=1)
@@ -207,10 +146,9 @@ class Sparse:
 
     def _by_same_tangent(self, z: Floats, inputs: Inputs) -> At | None:
         """The residual with the tangent that is factorised, if that is near and takes Newton's method on well."""
-        K = self._factored
-        if K is None or self._stiffened or self._known is None:
+        if self._factored is None or self._stiffened or self._known is None:
             return None
-        last = self._known[2]
+        K, last = self._factored.K, self._known[2]
         if last.K is not K or K.inputs is not inputs or self._distance(K, z) > NEAR:
             return None
         self._counts["residuals"] += 1
@@ -307,7 +245,13 @@ class Sparse:
         if singular:  # round-off decides whether its pivots are negative
             self._take(at.K, FREE * self._stiffness)
             self._stiffened = True
-        return np.array(self.factors.inertia[0] - self._held), np.array(int(singular))
+        return np.array(self._negative), np.array(int(singular))
+
+    @property
+    def _negative(self) -> int:
+        """Negative eigenvalues of the tangent that is factorised, on the constraint manifold."""
+        assert self._factored is not None
+        return self.factors.inertia[0] - self._factored.held
 
     def _is_singular(self) -> bool:
         """Whether the factors resist some motion by round-off only: the length of a random vector, iterated inversely.
@@ -324,7 +268,7 @@ class Sparse:
 
         A law without stiffness at rest gains it within a small strain, so that being near does not tell.
         """
-        if self._factored is K:
+        if self.has_factors_of(K):
             return False
         x = self._soft_motion()
         data = self._symmetric(K, 0.0)
@@ -349,13 +293,17 @@ class Sparse:
             self._factorise(K, 0.0)
         return self.factors
 
+    def has_factors_of(self, K: Tangent) -> bool:
+        """Whether the factors are those of K itself."""
+        return self._factored is not None and self._factored.K is K
+
     def _serves(self, K: Tangent) -> bool:
         """Whether the factors are those of K, of a tangent near by, or of a solver that gives no inertia."""
         assert self._factored is not None
-        if self._factored is K or self.factors.inertia[0] < 0:
+        if self.has_factors_of(K) or self.factors.inertia[0] < 0:
             return True
         if self._compared is not K:
-            self._compared, self._apart = K, self._distance(self._factored, K.z)
+            self._compared, self._apart = K, self._distance(self._factored.K, K.z)
         return self._apart <= NEAR
 
     def _distance(self, K: Tangent, z: Floats) -> float:
@@ -383,11 +331,7 @@ class Sparse:
 
     def _keep(self, K: Tangent) -> None:
         """What goes with factors of K."""
-        self._by_walls = np.stack([self.factors.solve(w) for w in K.walls], 1) if len(K.walls) else K.walls.T
-        # Each direction in which the cavities' volumes hold a body back that is unstable at its pressures.
-        S = K.walls @ self._by_walls
-        self._held = int(np.sum(np.linalg.eigvalsh(0.5 * (S + S.T)) < 0.0)) if len(S) else 0
-        self._factored, self._compared = K, None
+        self._factored, self._compared = Factored.of(K, self.factors), None
         # The next tangents are augmented in proportion to the stiffness that this one has.
         self._stiffness = float(linear.stiffness(np, self.scale, K.diagonal))
 
@@ -410,7 +354,7 @@ class Sparse:
         if self._factored is None or (last and not self._serves(K)):
             self._factorise(K, mu)
         x, off = self._krylov(K, mu, b, accuracy, guess)
-        if not off <= accuracy and self._factored is not K:
+        if not off <= accuracy and not self.has_factors_of(K):
             self._factorise(K, mu)
             x, off = self._krylov(K, mu, b, accuracy, x)
         if not off <= accuracy and self.factors.sharpen():
@@ -422,7 +366,7 @@ class Sparse:
         x, off = np.zeros_like(b), np.inf
         if self._factored is not None:
             x, off = self._krylov(K, 0.0, b, 1e-12, None)
-        if not off <= EXACT and self._factored is not K:
+        if not off <= EXACT and not self.has_factors_of(K):
             self._factorise(K, 0.0)
             x, off = self._krylov(K, 0.0, b, 1e-12, None)
         if not off <= EXACT and self.factors.sharpen():
@@ -447,37 +391,15 @@ class Sparse:
     def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, float]:
         """x, aimed at that accuracy, and its relative residual; preconditioned by the factors that are there."""
         assert self._factored is not None
-        n_u, M = self.system.n_u, self._factored
         data = K.data + mu * self._metric if mu else K.data
-        upper, diagonal = self.pattern.matrix(data), data[self.pattern.diagonal]
-        lower = upper.T
-
-        def apply(x: Floats) -> Floats:
-            u, m, P = x[:n_u], x[n_u : n_u + self.n_m], x[n_u + self.n_m :]
-            Bu = K.B @ u
-            forces = upper @ u + lower @ u - diagonal * u + K.B.T @ (m - K.W * Bu) + P @ K.walls
-            if K.loads is not None:
-                forces -= K.loads @ u
-            return np.concatenate([forces, Bu + K.D * m, K.walls @ u])
-
-        def precondition(x: Floats) -> Floats:
-            self._counts["inner iterations"] += 1
-            m = x[n_u : n_u + self.n_m]
-            u = self.factors.solve(x[:n_u] + M.B.T @ (M.W * m))
-            P = np.linalg.solve(M.walls @ self._by_walls, M.walls @ u - x[n_u + self.n_m :])
-            u -= self._by_walls @ P
-            return np.concatenate([u, M.W * (M.B @ u - m), P])
-
-        self._counts["inner solves"] += 1
-        with self._timed("inner solves"), _BLAS.limit(limits=1):  # its threads only wait for each other here
+        with self._timed("inner solves"):
             # In y = x / s strains and stresses count alike, whatever the units and the size of the elements.
-            s = np.where(np.arange(len(b)) < n_u, self.scale.unit, self._stiffness) / np.sqrt(self.scale.volume)
-            A = LinearOperator((len(b), len(b)), lambda y: s * apply(s * y), dtype=float)
-            P = LinearOperator((len(b), len(b)), lambda r: precondition(r / s) / s, dtype=float)
-            count, start = self.factors.iterations[M is K], None if guess is None else guess / s
-            y, _ = gcrotmk(A, s * b, x0=start, rtol=accuracy, atol=0.0, maxiter=1, m=count, k=0, M=P)
-            size = factor.norm(s * b)
-            return s * y, float(factor.norm(A @ y - s * b) / size) if size else 0.0
+            s = np.where(np.arange(len(b)) < self.system.n_u, self.scale.unit, self._stiffness)
+            s = s / np.sqrt(self.scale.volume)
+            x, off, count = saddle.solve(K, self.pattern, data, self._factored, s, b, accuracy, guess)
+        self._counts["inner solves"] += 1
+        self._counts["inner iterations"] += count
+        return x, off
 
 
 _known: list[Sparse] = []
@@ -567,5 +489,5 @@ class Factors:
     @property
     def sign(self) -> Any:
         """The sign of the determinant, up to that of the multipliers' block, ±1."""
-        negative = self.of.near(self.K).inertia[0] - self.of._held
-        return np.array(1.0 if negative % 2 == 0 else -1.0)
+        self.of.near(self.K)
+        return np.array(1.0 if self.of._negative % 2 == 0 else -1.0)

@@ -97,7 +97,7 @@ def _inner_solve(dials: Dials) -> Any:
     original = sparse.Sparse.solve
 
     def solve(self: Any, K: Any, mu: float, b: Any, accuracy: float, guess: Any, last: bool) -> Any:
-        if dials.tangent == "new" and self._factored is not K:
+        if dials.tangent == "new" and not self.has_factors_of(K):
             self._factored = None
         return original(self, K, mu, b, dials.inner or accuracy, guess, last)
 
