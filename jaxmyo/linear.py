@@ -228,7 +228,7 @@ class Dense:
 
     def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors | tiny.Inverse) -> tuple[Array, Array]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
-        # In forward mode, as the tangent: the reverse mode of `residual` would take as long to compile as all else of an element.
+        # In forward mode, as the tangent: the reverse mode of `residual` takes a third of the compilation of a solve.
         _, change = jax.jvp(lambda inputs: lagrangian.residual_alone(self.system, z, inputs), (inputs,), (by_t,))
         rate = -factors.solve(change, None)
         return rate, strain_rate(self.system, z, inputs, rate, by_t)

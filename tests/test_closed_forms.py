@@ -307,6 +307,7 @@ def hanging(weight: float) -> jm.State:
     return jm.load(at_rest, jm.BodyForce((0.0, 0.0, -weight)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("large", SOLVERS)
 def test_a_column_hangs_on_its_support(large: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The reaction is the weight; at small strain the lower end sinks by ½ g L²/E in the mean, E = 3 μ.

@@ -130,6 +130,7 @@ def test_ring(tube: jm.State, tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.cell_data["T_A_cf_kPa"][0], 0.0)
 
 
+@pytest.mark.slow
 def test_fibres_of_a_ring(tube: jm.State, tmp_path: Path) -> None:
     """They go round with its pieces, and turn with the body."""
     mesh, cells = read(write_vtu(tmp_path / "a.vtu", tube, refine=(2, SEGMENTS, 1)))

@@ -95,6 +95,7 @@ def test_a_hole_that_closes_ends_the_path() -> None:
     assert 0.0 < inner.min() < 0.01
 
 
+@pytest.mark.slow
 def test_a_pressure_does_not_turn_the_inside_of_a_narrow_tube_out() -> None:
     """One step of the whole pressure had a solution with a negative inner radius, a small strain away in the mean."""
     scene = jm.radial_tube(4, Ri=1.5e-3, Ro=2.0015)

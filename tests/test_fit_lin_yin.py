@@ -94,6 +94,7 @@ def test_profiles_of_all_constants(without_weave: Problem) -> None:
     np.testing.assert_allclose(found.profile("T0", [high]), found.profile_limit, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_free_curves_give_the_constants_back(without_weave: Problem) -> None:
     """Started 10 to 30 % off; T0 is held, for T0 and C4a are nearly the same along equibiaxial curves."""
     truth = with_truth(without_weave)

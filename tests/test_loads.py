@@ -217,6 +217,7 @@ def test_nodes_without_support_carry_no_reaction(stretched: jm.State) -> None:
     np.testing.assert_allclose(reactions.sum(axis=0), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_reactions_balance_an_oblique_traction(state_a: jm.State) -> None:
     """A dead load in any direction: the supports return its resultant, wherever the body goes."""
     vector = np.array([3.0, 0.2, 0.1])
@@ -227,6 +228,7 @@ def test_reactions_balance_an_oblique_traction(state_a: jm.State) -> None:
     assert np.abs(off_diagonal).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_reactions_balance_a_cauchy_traction(state_a: jm.State, exact: reference.Loaded) -> None:
     state = jm.load(state_a, *conditions("cauchy", tuple(exact.sigma[:2])))
     for k, face in enumerate(("x0", "y0")):

@@ -25,7 +25,6 @@ def test_the_printed_table_is_the_one_of_the_reference() -> None:
     assert rows == [tuple(row) for row in reference.PRINTED_TABLE]
 
 
-@pytest.mark.slow
 def test_the_set_of_table_1_reproduces_it() -> None:
     found = table("table1")
     assert found.reproduced
@@ -39,6 +38,7 @@ def test_the_set_of_table_1_reproduces_it() -> None:
     assert found.residual <= 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "difference"), [("printed", 5.0933), ("measured", 5.7042)])
 def test_the_other_sets_do_not(name: str, difference: float) -> None:
     assert not table(name).reproduced

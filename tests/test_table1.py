@@ -58,6 +58,7 @@ def test_distortion_moves_the_inner_nodes_only() -> None:
     assert inner.sum() == 9
 
 
+@pytest.mark.slow
 def test_one_element_gives_the_printed_table(one_element: np.ndarray) -> None:
     assert one_element.shape == (20, 8, 2)
     assert np.abs(one_element - PRINTED[:, None]).max() <= WITHIN
@@ -83,6 +84,7 @@ def test_distorted_mesh_agrees_with_one_element_at_every_point(
     np.testing.assert_allclose(distorted_mesh, np.broadcast_to(one_element[:, :1], distorted_mesh.shape), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_all_but_one_entry_of_the_table_are_within_rounding(one_element: np.ndarray) -> None:
     assert (np.abs(one_element[:, 0] - PRINTED) > 0.005).sum() <= 1
 

@@ -154,6 +154,7 @@ def test_radii_converge_at_second_order(a_over_D: float | None, grading: float, 
         assert errors[-1] < bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("a_over_D", WEAVE)
 def test_multipliers_tensions_and_height_converge_at_second_order(a_over_D: float | None) -> None:
     """p by its means over the elements, the tensions at the quadrature points."""

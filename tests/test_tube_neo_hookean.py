@@ -112,6 +112,7 @@ def test_inflation_extension_and_torsion(P: float, lz: float, twist: float) -> N
     assert (np.abs((4.0 * fine - coarse) / 3.0) < 0.02 * np.abs(fine) + 1e-11).all()
 
 
+@pytest.mark.slow
 def test_pressure_is_found_from_the_radius() -> None:
     """The other way round: the closed form at the radius and height of the elements gives the pressure back."""
     errors = []
