@@ -23,6 +23,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks, control, progress
+from jaxmyo.compiler import LEAN
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
 from jaxmyo.linear import At, Dense, negligible
@@ -229,7 +230,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: 
     return _Found(last.z, last.load, last.rate, last.speed, solution, converged)
 
 
-_correct_dense = partial(jax.jit, static_argnames="max_iterations")(_correct)
+_correct_dense = partial(jax.jit, static_argnames="max_iterations", compiler_options=LEAN)(_correct)
 
 
 class _Way(NamedTuple):

@@ -6,5 +6,6 @@ QUICK: dict[str, str | bool] = {"xla_backend_optimization_level": "0", "xla_cpu_
 #: For programs that run for seconds: batches of thousands of states run four times as fast, the default no faster.
 LONG: dict[str, str | bool] = QUICK | {"xla_backend_optimization_level": "1"}
 
-#: For the arithmetic of elements: two thirds of the time of compilation by default, and it runs as fast.
+#: For the arithmetic of elements, and a solve of a small body: two thirds of the time of compilation by default, and it
+#: runs as fast. (For float32 in curved coordinates, XLA's emitters of fusions take minutes.)
 LEAN: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}

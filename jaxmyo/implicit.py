@@ -58,8 +58,8 @@ def _followed(
         numbers = {name: getattr(settings, name) for name in NUMBERS}
         none: dict[str, Any] = dict.fromkeys(NUMBERS)
         kept = settings._replace(**none)
-        compiled = _compiled_in_single if single and not traced else _compiled
-        return compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
+        program = _inside if traced else _compiled
+        return program(system, z, start, end, valid, from_rest, numbers, settings=kept)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
@@ -75,9 +75,9 @@ def _path(system: System, *path: Any, settings: Settings) -> tuple[Solution, Arr
     return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers))
 
 
-_compiled = partial(jax.jit, static_argnames=("settings",))(_path)
-# XLA's emitters of fusions take minutes for float32 in curved coordinates.
-_compiled_in_single = partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)(_path)
+_compiled = partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)(_path)
+#: As a part of a program of the user's, which alone has a say in how it is compiled.
+_inside = partial(jax.jit, static_argnames=("settings",))(_path)
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)
