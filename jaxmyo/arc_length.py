@@ -12,7 +12,6 @@ count of unstable modes changes and no limit point explains it, branches cross: 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
@@ -23,7 +22,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxmyo import checks, control, progress
-from jaxmyo.compiler import LEAN
+from jaxmyo.compiler import lean
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
 from jaxmyo.linear import At, Dense, negligible
@@ -230,7 +229,7 @@ def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: 
     return _Found(last.z, last.load, last.rate, last.speed, solution, converged)
 
 
-_correct_dense = partial(jax.jit, static_argnames="max_iterations", compiler_options=LEAN)(_correct)
+_correct_dense = lean(_correct, "max_iterations")
 
 
 class _Way(NamedTuple):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -14,7 +13,7 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface
-from jaxmyo.compiler import LEAN
+from jaxmyo.compiler import lean
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
 from jaxmyo.newton import Settings
@@ -97,9 +96,7 @@ def cycle(
         )
         found_A, found_C = _run_kept(problem, settings, Path(out), own)
     else:
-        run = _run_on_host
-        if system_A.is_small and system_C.is_small:
-            run = _run_inside if checks.is_traced(problem) else _run
+        run = _run if system_A.is_small and system_C.is_small else _run_on_host
         found_A, found_C = run(problem, settings)
     A = _states(scene, system_A, found_A, ())
     C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie | Volume)))
@@ -183,14 +180,13 @@ def _steps(
     return start, step
 
 
-def _scan(problem: _Problem, settings: Settings) -> tuple[Solution, Solution]:
+def _in_one(problem: _Problem, settings: Settings) -> tuple[Solution, Solution]:
     """The solutions A and C of all steps, in one program."""
     start, step = _steps(problem, settings)
     return jax.lax.scan(step, start, problem.plan)[1]
 
 
-_run = partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)(_scan)
-_run_inside = partial(jax.jit, static_argnames=("settings",))(_scan)
+_run = lean(_in_one, "settings")
 
 
 def _run_on_host(problem: _Problem, settings: Settings) -> tuple[Solution, Solution]:
@@ -203,10 +199,12 @@ def _run_on_host(problem: _Problem, settings: Settings) -> tuple[Solution, Solut
     return jax.tree.map(lambda *x: jnp.stack(x), *found)
 
 
-@partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)
-def _one(problem: _Problem, at: _At, now: _Step, settings: Settings) -> tuple[_At, tuple[Solution, Solution]]:
+def _one_step(problem: _Problem, at: _At, now: _Step, settings: Settings) -> tuple[_At, tuple[Solution, Solution]]:
     """One step, as one program."""
     return _steps(problem, settings)[1](at, now)
+
+
+_one = lean(_one_step, "settings")
 
 
 def _run_kept(problem: _Problem, settings: Settings, path: Path, own: dict[str, str]) -> tuple[Solution, Solution]:

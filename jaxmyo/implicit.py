@@ -15,7 +15,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse
-from jaxmyo.compiler import LEAN
+from jaxmyo.compiler import lean
 from jaxmyo.continuation import Solution
 from jaxmyo.linear import Dense
 from jaxmyo.newton import NUMBERS, Settings
@@ -58,8 +58,7 @@ def _followed(
         numbers = {name: getattr(settings, name) for name in NUMBERS}
         none: dict[str, Any] = dict.fromkeys(NUMBERS)
         kept = settings._replace(**none)
-        program = _inside if traced else _compiled
-        return program(system, z, start, end, valid, from_rest, numbers, settings=kept)
+        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
     if system.is_small:
         return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
     lin = Sparse.of(system)
@@ -75,9 +74,7 @@ def _path(system: System, *path: Any, settings: Settings) -> tuple[Solution, Arr
     return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers))
 
 
-_compiled = partial(jax.jit, static_argnames=("settings",), compiler_options=LEAN)(_path)
-#: As a part of a program of the user's, which alone has a say in how it is compiled.
-_inside = partial(jax.jit, static_argnames=("settings",))(_path)
+_compiled = lean(_path, "settings")
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)

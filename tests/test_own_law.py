@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 import jaxmyo as jm
 
 MU = 3.0
-ELEMENTS = [pytest.param(None, id="0D"), pytest.param((2, 2, 1), id="mesh")]
+MESH = (2, 2, 1)
+ELEMENTS = [pytest.param(None, id="0D"), pytest.param(MESH, id="mesh")]
 
 
 def neo_hookean(C: Any, frame: Any, beta: Any, mu: Any) -> Any:
@@ -62,7 +63,7 @@ def rubber(request: pytest.FixtureRequest) -> jm.State:
     return at_rest(neo_hookean, MU, request.param)
 
 
-@pytest.fixture(params=[ELEMENTS[0], pytest.param((2, 2, 1), id="mesh", marks=pytest.mark.slow)])
+@pytest.fixture(params=[ELEMENTS[0], pytest.param(MESH, id="mesh", marks=pytest.mark.slow)])
 def muscle(request: pytest.FixtureRequest) -> jm.State:
     return at_rest(guccione, GUCCIONE, request.param)
 
