@@ -11,7 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, lagrangian
+from jaxmyo import checks, element_batches
 from jaxmyo.coordinates import evaluate
 from jaxmyo.invariants import weave_h
 from jaxmyo.scene import Scene
@@ -51,7 +51,7 @@ def at_failure(system: System, z: Array, inputs: Inputs) -> str:
     n_u, n_hard = system.n_u, len(hard)
     if n_u == 0 or system.gradient is None or n_hard**2 * n_u > 10.0 * _CHEAP:
         return ""
-    _, K = jax.jit(lagrangian.residual_and_tangent)(system, z, inputs)
+    _, K = jax.jit(element_batches.residual_and_tangent)(system, z, inputs)
     B = np.asarray(K)[n_u + hard, :n_u]
     rank = _rank(_normalised(system, B))
     if rank == n_hard:

@@ -93,19 +93,6 @@ def deformation_gradients(system: System, u: Array) -> Array:
     return F
 
 
-def volume_ratio(c: Coordinates, y: Array) -> Array:
-    """det F at a point with variables y; −1 where a coordinate left its range, such as a negative radius."""
-    J = jnp.linalg.det(y[:9].reshape(3, 3))
-    if c.curved:
-        J = jnp.where(c.inside(y[9:12]), J * jnp.prod(c.g(y[9:12])), -1.0)
-    return J
-
-
-def volume_ratios(system: System, u: Array) -> Array:
-    """det F (n_elements, n_points); −1 where a coordinate left its range, such as a negative radius."""
-    return jax.vmap(jax.vmap(lambda y: volume_ratio(system.coordinates, y)))(kinematics(system, u))
-
-
 @jax.jit
 def is_folded(system: System, u: Array) -> Array:
     """Whether a node left the range of its coordinates, such as for a negative radius, though no Gauss point did.
@@ -130,24 +117,6 @@ def square_of_strain(system: System, dz: Array) -> Array:
         return sum(component**2 for component in components)
     _, dF = jax.jvp(lambda u: deformation_gradients(system, u), (jnp.zeros_like(du),), (du,))
     return jnp.sum(dF**2, axis=(-2, -1))
-
-
-def at_point(
-    system: System, y: Array, frame: Array, T_f: Array, T_cf: Array, material: Array, inputs: Inputs
-) -> tuple[Array, Array]:
-    """First and second derivatives of the density at a point by its variables y = (H[, θ], multipliers)."""
-
-    def of_c(c: Array) -> Array:
-        return density(system, c, frame, T_f, T_cf, material, inputs)
-
-    def c_of(y: Array) -> Array:
-        return strain(system.coordinates, y)
-
-    # Forward mode throughout: for so few variables it compiles and runs several times faster than reverse mode.
-    c = c_of(y)
-    by_c, J = jax.jacfwd(of_c)(c), jax.jacfwd(c_of)(y)
-    curvature = jax.jacfwd(jax.jacfwd(lambda y: by_c @ c_of(y)))(y)
-    return by_c @ J, J.T @ jax.jacfwd(jax.jacfwd(of_c))(c) @ J + curvature
 
 
 def element_forces(
@@ -196,56 +165,7 @@ def residual(system: System, z: Array, inputs: Inputs) -> Array:
     dofs = (3 * s.cells[:, :, None] + np.arange(3)[None, None]).reshape(-1, 24)
     r = (-inputs.imbalance).at[s.tie_index[dofs]].add(s.tie_scale[dofs] * forces.reshape(-1, 24))
     r = r.at[s.local_multipliers].add(by_m)
-    return _add_loads(system, u, system.pressures(z), inputs, r, None)[0] if system.n_u else r
-
-
-def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Array, Array]:
-    """The residual (n,) and its derivative (n, n), dense."""
-    assert system.columns is not None
-    assert system.local_u is not None
-    u = system.displacements(z, inputs)
-    n_m = system.multipliers
-    n_y, n_local = system.columns.shape[2:]
-
-    def element(
-        columns: Array, weight: Array, multipliers: Array, material: Array, *at_points: Any
-    ) -> tuple[Array, Array]:
-        # The columns of a point's variables (H[, θ], multipliers) by the element's unknowns.
-        B = jnp.zeros((*columns.shape[:1], n_y + n_m, n_local + n_m)).at[:, :n_y, :n_local].set(columns)
-        B = B.at[:, n_y:, n_local:].set(jnp.eye(n_m)[None])
-
-        def point(B: Array, H: Array, *at: Any) -> tuple[Array, Array]:
-            y = jnp.concatenate([H, multipliers])
-            place: Any = (*at, material, inputs)
-            if n_local + n_m <= 6:  # fewer than C has components: differentiate in the element's unknowns themselves
-                of_v = jax.jacfwd(lambda v: density(system, strain(system.coordinates, y + B @ v), *place))
-                v = jnp.zeros(n_local + n_m)
-                return of_v(v), jax.jacfwd(of_v)(v)
-            r_y, K_y = at_point(system, y, *place)
-            return r_y @ B, B.T @ K_y @ B
-
-        r, K = jax.vmap(point)(B, *at_points)
-        return weight @ r, jnp.tensordot(weight, K, axes=1)
-
-    r_e, K_e = jax.vmap(element)(
-        system.columns,
-        system.weight,
-        z[system.local_multipliers],
-        system.material,
-        kinematics(system, u),
-        system.frame,
-        inputs.T_f,
-        inputs.T_cf,
-    )
-    local = jnp.concatenate([system.local_u, system.local_multipliers], axis=1)
-    r = (-inputs.imbalance).at[local].add(r_e)
-    K = jnp.zeros((system.size, system.size)).at[local[:, :, None], local[:, None, :]].add(K_e)
-    return _add_loads(system, u, system.pressures(z), inputs, r, K) if system.n_u else (r, K)
-
-
-def residual_alone(system: System, z: Array, inputs: Inputs) -> Array:
-    """The residual (n,) as `residual_and_tangent` has it; the compiler leaves the tangent out."""
-    return residual_and_tangent(system, z, inputs)[0]
+    return add_loads(system, z, inputs, r, None)[0]
 
 
 def enclosed(system: System, u: Any) -> Array:
@@ -259,10 +179,11 @@ def loads(system: System, pressures: Any, inputs: Inputs) -> list[surface.Loads]
     return surface.every(system.surfaces, inputs.loads, system.cavities, pressures)
 
 
-def _add_loads(
-    system: System, u: Array, pressures: Array, inputs: Inputs, r: Array, K: Array | None
-) -> tuple[Array, Any]:
-    """Less the loads: the residual, and the tangent if it is asked for."""
+def add_loads(system: System, z: Array, inputs: Inputs, r: Array, K: Array | None) -> tuple[Array, Any]:
+    """Less the loads: the residual, and the dense tangent if it is asked for."""
+    if not system.n_u:
+        return r, K
+    u, pressures = system.displacements(z, inputs), system.pressures(z)
     c, theta = system.coordinates, system.points + u
     for kind, nodes, values in loads(system, pressures, inputs):
         at = (c, kind, theta[nodes], system.points[nodes], values)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import checks, lagrangian, tiny
+from jaxmyo import checks, element_batches, lagrangian, tiny
 from jaxmyo.system import Inputs, System
 
 
@@ -204,9 +204,8 @@ class Dense:
 
     def _at(self, z: Array, inputs: Inputs) -> At:
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.
-        r, K = jax.lax.optimization_barrier(lagrangian.residual_and_tangent(self.system, z, inputs))
-        u = self.system.displacements(z, inputs)
-        J = jnp.where(lagrangian.is_folded(self.system, u), -1.0, jnp.min(lagrangian.volume_ratios(self.system, u)))
+        r, K, J = jax.lax.optimization_barrier(element_batches.linearised(self.system, z, inputs))
+        J = jnp.where(lagrangian.is_folded(self.system, self.system.displacements(z, inputs)), -1.0, J)
         at = summary(jnp, self.system, self.scale, z, r, jnp.diagonal(K)[: self.system.n_u], J, K)
         return at._replace(finite=at.finite & jnp.all(jnp.isfinite(K)))
 
@@ -228,9 +227,7 @@ class Dense:
 
     def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors | tiny.Inverse) -> tuple[Array, Array]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
-        # In forward mode, as the tangent: the reverse mode of `residual` takes a third of the compilation of a solve.
-        _, change = jax.jvp(lambda inputs: lagrangian.residual_alone(self.system, z, inputs), (inputs,), (by_t,))
-        rate = -factors.solve(change, None)
+        rate = -factors.solve(element_batches.rate(self.system, z, inputs, by_t), None)
         return rate, strain_rate(self.system, z, inputs, rate, by_t)
 
     def inertia(self, at: At, z: Array) -> tuple[Array, Array]:

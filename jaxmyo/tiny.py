@@ -7,7 +7,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+
+from jaxmyo.lanes import batch_last, constant, once
 
 #: Rows up to which a matrix is tiny [–].
 ROWS = 8
@@ -24,24 +27,25 @@ class Inverse(NamedTuple):
         return jnp.sum(self.inverse * b[None], axis=1)
 
 
+@batch_last
 def invert(A: Array) -> Inverse:
-    """By Gauss–Jordan elimination with row pivoting; not finite where A is singular."""
-    n = len(A)
-    rows, columns = jnp.arange(n), jnp.arange(2 * n)
-
-    def eliminate(k: Array, at: tuple[Array, Array]) -> tuple[Array, Array]:
-        M, sign = at
-        column = _pick(columns == k, M.T)
-        best = jnp.argmax(jnp.where(rows >= k, jnp.abs(column), -1.0))
-        is_best, is_top = rows == best, rows == k
-        pivot, row = _pick(is_best, column), _pick(is_best, M)
-        M, column = _put(is_best, M, _pick(is_top, M)), _put(is_best, column, _pick(is_top, column))
-        row = row / pivot
-        M = _put(is_top, M - column[:, None] * row[None], row)
-        return M, sign * jnp.sign(pivot) * jnp.where(best == k, 1.0, -1.0)
-
-    beside = jnp.concatenate([A, jnp.eye(n, dtype=A.dtype)], axis=1)
-    M, sign = jax.lax.fori_loop(0, n, eliminate, (beside, jnp.ones((), A.dtype)))
+    """By Gauss–Jordan elimination with row pivoting; not finite where A (n, n, *lanes) is singular."""
+    n, lanes = len(A), A.ndim - 2
+    M = jnp.concatenate([A, jnp.broadcast_to(constant(np.eye(n), lanes), A.shape)], axis=1)
+    sign = jnp.ones(A.shape[2:], A.dtype)
+    for k in range(n):
+        best, largest = jnp.zeros(A.shape[2:], int), jnp.abs(M[k, k])
+        for i in range(k + 1, n):
+            larger = jnp.abs(M[i, k]) > largest
+            best, largest = jnp.where(larger, i, best), jnp.where(larger, jnp.abs(M[i, k]), largest)
+        row = M[k]
+        for i in range(k + 1, n):
+            row = jnp.where((best == i)[None], M[i], row)
+        pivot = row[k]
+        row = once(row / pivot[None])
+        below = [jnp.where((best == i)[None], M[k], M[i]) for i in range(k + 1, n)]
+        M = jnp.stack([row if i == k else x - x[k][None] * row for i, x in enumerate([*M[: k + 1], *below])])
+        sign = sign * jnp.sign(pivot) * jnp.where(best > k, -1.0, 1.0)
     return Inverse(M[:, n:], sign)
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from test_element import central, residual_and_tangent_of, residual_of
 
 import jaxmyo as jm
-from jaxmyo import lagrangian, outputs, surface, ties
+from jaxmyo import lagrangian, outputs, points, surface, ties
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
 from jaxmyo.system import Inputs, System
@@ -281,7 +281,11 @@ def test_volume_ratios_beyond_the_range_of_the_coordinates(c: Coordinates, u: An
     mesh = block(c, 1.0)
     system = unsupported(scene(mesh))
     nodes = np.tile(np.array(u), (len(mesh.points), 1))
-    J = np.asarray(lagrangian.volume_ratios(system, nodes))
+    in_lanes = [np.moveaxis(np.asarray(x), (1, 0), (-2, -1)) for x in (system.dN, system.theta, system.inverse_g)]
+    dN, theta, inverse_g = map(jnp.asarray, in_lanes)
+    of_cells = jnp.asarray(nodes[system.cells].transpose(2, 1, 0)[:, :, None])
+    at = points.at(c, of_cells, dN, jnp.asarray(system.N).T[:, :, None], theta, inverse_g)
+    J = np.asarray(points.least_J(c, at)).T
     g = np.asarray(jax.vmap(jax.vmap(c.g))(jnp.asarray(system.theta + np.array(u))))
     beyond = (g <= 0.0).any(axis=-1)
     assert beyond.any()

@@ -11,7 +11,7 @@ from scipy.linalg import null_space
 from support import sample
 
 import jaxmyo as jm
-from jaxmyo import lagrangian
+from jaxmyo import element_batches
 
 ELEMENTS = (4, 4, 2)
 COUNTS = [
@@ -24,7 +24,7 @@ COUNTS = [
     (0.6, 0.2, 1.0, 0),
     (5.0, 0.2, 1.0, 0),
 ]
-residual_and_tangent = jax.jit(lagrangian.residual_and_tangent)
+residual_and_tangent = jax.jit(element_batches.residual_and_tangent)
 
 
 @cache

@@ -1,0 +1,178 @@
+"""Residual and tangent of a small body, all of its elements at once, and those of a batch of such bodies.
+
+The element is that of `jaxmyo.lagrangian`. Under `vmap` the bodies of a batch are one more axis of lanes, the last, see
+`jaxmyo.lanes`: an operation on a matrix of one point becomes a loop over bodies.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmyo import lagrangian, points
+from jaxmyo.lanes import batch_last, once, total
+from jaxmyo.points import Place
+from jaxmyo.system import Inputs, System
+
+
+class Linearised(NamedTuple):
+    """The residual r (n,), its derivative K (n, n), and the smallest det F, −1 where a coordinate left its range."""
+
+    r: Array
+    K: Array
+    least_J: Array
+
+
+class _Elements(NamedTuple):
+    """Displacements, multipliers and geometry of elements, in lanes (points of an element, elements[, bodies]).
+
+    Indices: i displacements; k their derivatives, and the value as k = 3 in curved coordinates; a nodes; b unknowns.
+    nodes: (i, a, 1, e); m: (multipliers, 1, e); columns: (i, k, b, g, e); dN: (a, k, g, e); N: (a, g, e); theta,
+    inverse_g: (i, g, e); weight: (g, e).
+    """
+
+    nodes: Array
+    m: Array
+    columns: Array
+    dN: Array
+    N: Array
+    theta: Array
+    inverse_g: Array
+    weight: Array
+    place: Place
+    local: Array
+
+
+def linearised(system: System, z: Array, inputs: Inputs) -> Linearised:
+    """Residual and tangent at z."""
+
+    def of_elements(e: _Elements) -> Linearised:
+        r_e, K_e, J = _terms(system, e)
+        return Linearised(_assembled(system, e, r_e), _assembled(system, e, K_e), jnp.min(J, axis=(0, 1)))
+
+    at = batch_last(of_elements)(_elements(system, z, inputs))
+    r, K = lagrangian.add_loads(system, z, inputs, at.r - inputs.imbalance, at.K)
+    return Linearised(r, K, at.least_J)
+
+
+def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Array, Array]:
+    """The residual (n,) and its derivative (n, n), dense."""
+    at = linearised(system, z, inputs)
+    return at.r, at.K
+
+
+def rate(system: System, z: Array, inputs: Inputs, by_t: Inputs) -> Array:
+    """The change (n,) of the residual with the inputs, at the same z."""
+    # The elements differentiate inside of `batch_last`: their geometry does not change.
+    elements, change = jax.jvp(lambda inputs: _elements(system, z, inputs), (inputs,), (by_t,))
+    values, changes = ((e.nodes, e.place.T_f, e.place.T_cf, e.place.inputs) for e in (elements, change))
+
+    def of_elements(e: _Elements, values: Any, changes: Any) -> Array:
+        def forces(nodes: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Array:
+            place = e.place._replace(T_f=T_f, T_cf=T_cf, inputs=inputs)
+            return _forces(system, e._replace(nodes=nodes, place=place))
+
+        def alike(a: Array, b: Array) -> Array:
+            return jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, b.shape))
+
+        # One of the two may be the same in all bodies.
+        values, changes = jax.tree.map(alike, values, changes), jax.tree.map(alike, changes, values)
+        return _assembled(system, e, jax.jvp(forces, values, changes)[1])
+
+    dr = batch_last(of_elements)(elements, values, changes) - by_t.imbalance
+
+    def loads(inputs: Inputs) -> Array:
+        return lagrangian.add_loads(system, z, inputs, jnp.zeros(system.size), None)[0]
+
+    return dr + jax.jvp(loads, (inputs,), (by_t,))[1]
+
+
+def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
+    assert system.columns is not None
+    assert system.local_u is not None
+    n_e, n_g = system.weight.shape
+    # The sums over the points of an element are written out. More than nine are those of several elements.
+    size = max(k for k in range(1, 10) if n_g % k == 0)
+    parts = n_g // size
+
+    def in_lanes(x: Array) -> Array:
+        """(n_elements, n_points, ...) → (..., size, elements)."""
+        x = x.reshape(n_e * parts, size, *x.shape[2:])
+        return once(jnp.moveaxis(x, (1, 0), (-2, -1)))
+
+    def of_each(x: Array) -> Array:
+        """(n_elements, ...) → (..., 1, elements)."""
+        return jnp.moveaxis(jnp.repeat(x, parts, axis=0), 0, -1)[..., None, :]
+
+    n_k = system.columns.shape[2] // 3
+    H, theta = system.columns[:, :, :9], system.columns[:, :, 9:]
+    columns = H.reshape(*H.shape[:2], 3, 3, -1)
+    if n_k == 4:
+        columns = jnp.concatenate([columns, theta[:, :, :, None]], axis=3)
+    nodes = system.displacements(z, inputs)[system.cells]
+    place = Place(
+        in_lanes(system.frame),
+        in_lanes(inputs.T_f),
+        in_lanes(inputs.T_cf),
+        of_each(system.material),
+        points.with_lanes(inputs, 2),
+    )
+    return _Elements(
+        nodes=of_each(nodes.swapaxes(1, 2)),
+        m=of_each(z[system.local_multipliers]),
+        columns=in_lanes(columns),
+        dN=in_lanes(system.dN),
+        N=in_lanes(jnp.broadcast_to(system.N[None], (n_e, *system.N.shape))),
+        theta=in_lanes(system.theta),
+        inverse_g=in_lanes(system.inverse_g),
+        weight=in_lanes(system.weight),
+        place=place,
+        local=jnp.repeat(jnp.concatenate([system.local_u, system.local_multipliers], axis=1), parts, axis=0).T,
+    )
+
+
+def _assembled(system: System, e: _Elements, x: Array) -> Array:
+    """The sum (n,) or (n, n)[, bodies] of what elements have, (unknowns, e) or (unknowns, unknowns, e)[, bodies]."""
+    local = e.local.reshape(e.local.shape[:2])  # the same in all bodies
+    bodies = x.shape[-(e.local.ndim - 2) :] if e.local.ndim > 2 else ()
+    axes = x.ndim - len(bodies) - 1
+    index = (local,) if axes == 1 else (local[:, None], local[None])
+    return jnp.zeros((*(system.size,) * axes, *bodies)).at[index].add(x)
+
+
+def _at(system: System, e: _Elements) -> tuple[points.Points, Array]:
+    at = points.at(system.coordinates, e.nodes, e.dN, e.N, e.theta, e.inverse_g)
+    return at, points.strain(at, e.m)
+
+
+def _forces(system: System, e: _Elements) -> Array:
+    """The derivatives (unknowns, e) of the Lagrangian."""
+    at, c = _at(system, e)
+    by_c = points.by_c(system, c, e.place) * e.weight[None]
+    return _first(e, points.by_y(at, by_c), by_c)
+
+
+def _first(e: _Elements, by_y: Array, by_c: Array) -> Array:
+    n_k, n_g = by_y.shape[1], e.columns.shape[3]
+    each = [(i, k, g) for i in range(3) for k in range(n_k) for g in range(n_g)]
+    by_u = once(total(e.columns[i, k, :, g] * by_y[i, k, g][None] for i, k, g in each))
+    return jnp.concatenate([by_u, total(by_c[6:, g] for g in range(n_g))])
+
+
+def _terms(system: System, e: _Elements) -> tuple[Array, Array, Array]:
+    """The first (unknowns, e) and second (unknowns, unknowns, e) derivatives, and det F."""
+    at, c = _at(system, e)
+    by_c, by_cc = points.by_c_twice(system, c, e.place)
+    by_c, by_cc = once(by_c * e.weight[None]), once(by_cc * e.weight[None, None])
+    by_y, by_yy, by_ym = points.by_y_twice(system.coordinates, at, by_c, by_cc)
+    n_k, n_g = by_y.shape[1], e.columns.shape[3]
+    pairs = [(i, k) for i in range(3) for k in range(n_k)]
+    each = [(i, k, g) for i, k in pairs for g in range(n_g)]
+    half = once(total(by_yy[:, :, i, k, None] * e.columns[None, None, i, k] for i, k in pairs))  # i k b
+    by_uu = once(total(e.columns[i, k, :, None, g] * half[i, k, None, :, g] for i, k, g in each))
+    by_um = once(total(e.columns[i, k, :, None, g] * by_ym[i, k, None, :, g] for i, k, g in each))
+    by_mm = total(by_cc[6:, 6:, g] for g in range(n_g))
+    upper = jnp.concatenate([by_uu, by_um], axis=1)
+    lower = jnp.concatenate([jnp.swapaxes(by_um, 0, 1), by_mm], axis=1)
+    return _first(e, by_y, by_c), jnp.concatenate([upper, lower]), points.least_J(system.coordinates, at)
