@@ -24,7 +24,7 @@ from jaxmyo.element_blocks import Elements, Terms
 from jaxmyo.pattern import BLOCK, Floats, Ints, in_blocks, pattern, same_components
 from jaxmyo.system import Inputs, System
 
-CHUNK = 8  # blocks per call
+CHUNK = 16  # blocks per call
 FLIGHT = 4  # chunks that are computed ahead
 
 Found = TypeVar("Found")

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from jaxmyo import points
 from jaxmyo.lanes import once, total
@@ -19,6 +21,22 @@ from jaxmyo.points import Place, Points
 from jaxmyo.system import Inputs, System
 
 _I, _J = UPPER
+#: The nodes of the rows of the tangent that are computed together: of its columns, only those of these and later nodes.
+_ROWS = 4
+
+
+def _places() -> NDArray[np.int64]:
+    """Where the entries `UPPER` are among those that are computed: of each group of rows, a i j b."""
+    places: NDArray[np.int64] = np.zeros((8, 3, 3, 8), dtype=int)
+    count = 0
+    for a in range(0, 8, _ROWS):
+        shape = (_ROWS, 3, 3, 8 - a)
+        places[a : a + _ROWS, :, :, a:] = count + np.arange(np.prod(shape)).reshape(shape)
+        count += int(np.prod(shape))
+    return places[_I // 3, _I % 3, _J % 3, _J // 3]
+
+
+_PLACES = _places()
 
 
 class Elements(NamedTuple):
@@ -62,7 +80,7 @@ def terms(
     inside: the multipliers whose augmentation BᵀWB, W = 1 / (V/γ − D), is added to K.
     """
     r, K, B, D, r_m, least_J = _of_groups(partial(_of_points, u=u, m=m), system, e, inputs)
-    K = K[8 * (3 * _I + _J % 3) + _J // 3] * (e.scale[_I] * e.scale[_J])
+    K = K[_PLACES] * (e.scale[_I] * e.scale[_J])
     B = once(B * e.scale[:, None])
     for n in range(system.multipliers):
         if inside[n]:
@@ -103,7 +121,7 @@ def _of_groups(of_points: Callable[..., Any], system: System, e: Elements, input
 
 
 def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
-    """Sums over the points for a block: r (24, N), K (576, N) of a i j b, B (24, multipliers, N), D, r_m, least_J.
+    """Sums over the points for a block: r (24, N), K of `_PLACES`, B (24, multipliers, N), D, r_m, least_J.
 
     Indices: i, j displacements; k, l their derivatives; a, b nodes; g points; N elements.
     """
@@ -114,12 +132,17 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
     G = _gradients(system, e)
     of, each = range(G.shape[1]), range(G.shape[2])
     half = once(total(by_yy[:, :, :, n, None] * G[None, None, None, :, n] for n in of))  # i k j b g N
-    K = once(total(G[:, None, n, None, None, g] * half[None, :, n, :, :, g] for n in of for g in each))
+
+    def of_rows(a: int) -> Array:
+        rows, columns = G[a : a + _ROWS], half[:, :, :, a:]
+        return once(total(rows[:, None, n, None, None, g] * columns[None, :, n, :, :, g] for n in of for g in each))
+
+    K = once(jnp.concatenate([of_rows(a).reshape(-1, half.shape[-1]) for a in range(0, 8, _ROWS)]))
     B = once(total(G[:, None, n, None, g] * by_ym[None, :, n, :, g] for n in of for g in each))
     D = jnp.stack([jnp.sum(by_cc[6 + n, 6 + n], axis=0) for n in range(system.multipliers)])
     r, r_m = _at_nodes(system, e, by_y), jnp.sum(by_c[6:], axis=1)
     J = jnp.min(points.least_J(system.coordinates, at))
-    return r, K.reshape(576, -1), B.reshape(24, *B.shape[2:]), D, r_m, J
+    return r, K, B.reshape(24, *B.shape[2:]), D, r_m, J
 
 
 def _first_of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:

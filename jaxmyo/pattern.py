@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-BLOCK = 128  # elements whose terms are computed together, and added together
+BLOCK = 64  # elements whose terms are computed together, and added together
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
