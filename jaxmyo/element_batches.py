@@ -29,7 +29,7 @@ class _Elements(NamedTuple):
 
     Indices: i displacements; k their derivatives, and the value as k = 3 in curved coordinates; a nodes; b unknowns.
     nodes: (i, a, 1, e); m: (multipliers, 1, e); columns: (i, k, b, g, e); dN: (a, k, g, e); N: (a, g, e); theta,
-    inverse_g: (i, g, e); weight: (g, e).
+    inverse_g: (i, g, e); weight: (g, e); local: (b and multipliers, e), positions among the unknowns of the body.
     """
 
     nodes: Array

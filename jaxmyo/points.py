@@ -20,9 +20,10 @@ from jaxmyo.lagrangian import density
 from jaxmyo.lanes import constant, everywhere, once, total
 from jaxmyo.system import Inputs, System
 
-#: Which of the components 11, 22, 33, 12, 13, 23 of C stands where in the tensor, and the indices of each.
-_VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-_FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+#: Which of the components 11, 22, 33, 12, 13, 23 of C stands where in the tensor, and the indices of each. (Of int32,
+#: for paths in float32, where JAX has no int64.)
+_VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]], dtype="int32")
+_FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], dtype="int32")
 #: ∂C_11 = 2 F_i1 ∂F_i1, but ∂C_12 = F_i1 ∂F_i2 + F_i2 ∂F_i1.
 _TWICE = 1.0 + np.eye(3)
 
