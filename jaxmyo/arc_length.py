@@ -1,9 +1,7 @@
 """A branch of states C followed by its arc length: the load may rise and fall, so limit points are passed.
 
 The unknowns are z and the load factor λ together, inputs = begin + λ (end − begin). A step goes along the tangent
-(dz/dλ, 1) and is corrected on the plane normal to it (pseudo-arc-length, H. B. Keller 1977): with the factors of the
-tangent K, K x = −r and K y = −∂r/∂λ give the corrections dz = x + dλ y with dλ from the plane. K itself is singular at
-a limit point, the bordered system is not, and no state comes closer to it than these two solves can bear.
+(dz/dλ, 1) and is corrected on the plane normal to it (pseudo-arc-length, H. B. Keller 1977), see `jaxmyo.bordered`.
 
 A **limit point** is where dλ/ds changes its sign; it is found by bisection and secants between two states. Where the
 count of unstable modes changes and no limit point explains it, branches cross: a **bifurcation**, found by bisection
@@ -12,7 +10,6 @@ count of unstable modes changes and no limit point explains it, branches cross: 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import ModuleType
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -21,18 +18,18 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks, control, progress
-from jaxmyo.compiler import lean
+from jaxmyo import checks, progress
+from jaxmyo.bordered import Found, Plane, correct, correct_dense
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
-from jaxmyo.linear import At, Dense, negligible
-from jaxmyo.newton import Linear, Settings
+from jaxmyo.linear import Dense
+from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.solve import DEFAULT, Problem, as_state, problem
 from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
 from jaxmyo.status import MEANING, SolveError, Status
-from jaxmyo.system import Inputs, System
+from jaxmyo.system import System
 
 #: Strain that a change of the load factor by 1 counts as, over the largest strain of a step: the factor of a body that
 #: does not move changes by 0.1 per step.
@@ -120,122 +117,10 @@ def trace(
     return found
 
 
-class _Found(NamedTuple):
-    """A state of the branch.
-
-    z: unknowns; load: λ; rate: dz/dλ; speed: strain of the body per λ; solution: the state; converged: whether it is.
-    """
-
-    z: Any
-    load: Any
-    rate: Any
-    speed: Any
-    solution: Solution
-    converged: Any
-
-
-class _Plane(NamedTuple):
-    """The states with ⟨a, z − z₀⟩ + c (λ − λ₀) = 0; z, load: z₀ and λ₀, where the correction starts."""
-
-    z: Any
-    load: Any
-    a: Any
-    c: Any
-
-
-def _at_load(xp: ModuleType, begin: Inputs, end: Inputs, load: Any) -> Inputs:
-    """The inputs at a load factor; exactly the end at 1."""
-    return cast(Inputs, jax.tree.map(lambda a, b: xp.where(load == 1.0, b, a + load * (b - a)), begin, end))
-
-
-class _Trial(NamedTuple):
-    z: Any
-    load: Any
-    by_z: Any  # the next correction
-    by_load: Any
-    size: Any  # its strain
-    rate: Any
-    speed: Any
-    at: Any
-    iteration: Any
-    lost: Any
-
-
-def _correct(lin: Linear, plane: _Plane, begin: Inputs, end: Inputs, tolerance: Any, max_iterations: int) -> _Found:
-    """The state on a plane, by Newton's method, to a relative residual of `tolerance`.
-
-    Each correction must be at most half of the one before.
-    """
-    xp = lin.xp
-    by_load = jax.tree.map(lambda a, b: b - a, begin, end)
-
-    def done(s: _Trial) -> Any:
-        limit = s.at.noise.clip(tolerance)
-        return (s.at.residual <= limit) & (s.size <= 1e5 * limit)
-
-    def keep_going(s: _Trial) -> Any:
-        return ~done(s) & ~s.lost & (s.iteration < max_iterations)
-
-    def look(s: _Trial) -> _Trial:
-        z, load = s.z + s.by_z, s.load + s.by_load
-        inputs = _at_load(xp, begin, end, load)
-        at = lin.at(z, inputs)
-        factors = lin.factorise(at, negligible(xp, z) * at.modulus, s.size <= 0.03)
-        rate, speed = lin.rates(z, inputs, by_load, factors)
-        x = -factors.solve(at.r, 1e-4)  # of a sparse body; near a limit point no more can be asked for
-        off = xp.sum(plane.a * (z - plane.z)) + plane.c * (load - plane.load)
-        d_load = -(off + xp.sum(plane.a * x)) / (plane.c + xp.sum(plane.a * rate))
-        dz = x + d_load * rate
-        size, _ = lin.strain_of(dz)
-        good = at.finite & (at.least_J > 0.0) & xp.isfinite(size) & xp.isfinite(speed)
-        shrinks = (size <= 0.5 * s.size) | (size <= 1e5 * at.noise.clip(tolerance))
-        return _Trial(z, load, dz, d_load, size, rate, speed, at, s.iteration + 1, ~(good & shrinks))
-
-    one = xp.array(1.0)
-    start = _Trial(
-        z=plane.z,
-        load=plane.load,
-        by_z=xp.zeros_like(plane.z),
-        by_load=0.0 * one,
-        size=xp.inf * one,
-        rate=xp.zeros_like(plane.z),
-        speed=0.0 * one,
-        at=At.unknown(xp, plane.z, lin.nothing()[0]),
-        iteration=xp.array(0),
-        lost=xp.array(False),
-    )
-    last = control.loop(keep_going, look, start)
-    converged = done(last)
-    negative, zero = control.choose(
-        converged, lambda: lin.inertia(last.at, last.z), lambda: (xp.array(-1), xp.array(-1))
-    )
-    solution = Solution(
-        z=last.z,
-        inputs=_at_load(xp, begin, end, last.load),
-        reached=last.load,
-        residual=last.at.residual,
-        force_residual=xp.max(xp.abs(last.at.r[: lin.system.n_u]), initial=0.0),
-        constraint_residual=last.at.violation,
-        status=xp.where(converged, Status.CONVERGED, Status.NO_DESCENT),
-        steps=xp.array(1),
-        rejected=xp.array(0),
-        iterations=last.iteration,
-        history=xp.zeros(max_iterations + 1),
-        negative=negative,
-        zero=zero,
-        stable_until=one,
-        work=lin.work,
-    )
-    return _Found(last.z, last.load, last.rate, last.speed, solution, converged)
-
-
-_correct_dense = lean(_correct, "max_iterations")
-
-
 class _Way(NamedTuple):
     """A state and the sense in which the branch goes on from it: +1 where λ rises."""
 
-    found: _Found
+    found: Found
     sense: float
 
     @property
@@ -260,19 +145,19 @@ class _Branch:
         unit, touched = np.asarray(self.lin.scale.unit), np.asarray(self.lin.scale.volume)
         self.weight = np.where(np.arange(n) < n_u, touched / unit**2 / volume, 0.0)
         self.ways: list[_Way] = []
-        self.limits: list[_Found] = []
-        self.bifurcations: list[_Found] = []
+        self.limits: list[Found] = []
+        self.bifurcations: list[Found] = []
         self.rejected = 0
 
-    def correct(self, z: Any, load: float, a: Any, c: float, iterations: int | None = None) -> _Found:
+    def correct(self, z: Any, load: float, a: Any, c: float, iterations: int | None = None) -> Found:
         as_own = jnp.asarray if self.path.system.is_small else np.asarray
-        plane = _Plane(as_own(z), as_own(load, dtype=float), as_own(a), as_own(c, dtype=float))
+        plane = Plane(as_own(z), as_own(load, dtype=float), as_own(a), as_own(c, dtype=float))
         tolerance = as_own(self.settings.tolerance, dtype=float)
-        run = _correct_dense if self.path.system.is_small else _correct
+        run = correct_dense if self.path.system.is_small else correct
         ends = self.path.begin, self.path.end
         return run(self.lin, plane, *ends, tolerance, max_iterations=iterations or self.settings.max_iterations)
 
-    def at_fixed_load(self, z: Any, load: float) -> _Found:
+    def at_fixed_load(self, z: Any, load: float) -> Found:
         return self.correct(z, load, np.zeros(self.path.system.size), 1.0)
 
     def ahead(self, way: _Way, ds: float) -> tuple[_Way | None, float]:
@@ -353,7 +238,7 @@ class _Branch:
             self.bifurcations.append(found or way.found)
         return True
 
-    def _extremum(self, way: _Way, to: _Way, ds: float) -> _Found:
+    def _extremum(self, way: _Way, to: _Way, ds: float) -> Found:
         """The state between two others where dλ/ds = 0: secants (Illinois), the best state that was found."""
         a, b = 0.0, ds
         rise_a, rise_b = way.rise(self.of_load), to.rise(self.of_load)
@@ -387,7 +272,7 @@ class _Branch:
                 return s, found
         return s, None
 
-    def _crossing(self, way: _Way, to: _Way, ds: float) -> _Found | None:
+    def _crossing(self, way: _Way, to: _Way, ds: float) -> Found | None:
         """The last state found before the count of unstable modes changes; None where the body jumps there.
 
         Branches that all but meet, as of a body that is not quite symmetric, are told apart so.
@@ -407,7 +292,7 @@ class _Branch:
     def _start(self) -> Any:
         return self.path.z if self.path.system.is_small else np.array(self.path.z)
 
-    def _unsolved(self, status: Status) -> _Found:
+    def _unsolved(self, status: Status) -> Found:
         found = self.at_fixed_load(self._start(), 0.0)
         nothing = found.solution._replace(
             z=self._start(),
@@ -418,7 +303,7 @@ class _Branch:
         )
         return found._replace(solution=nothing)
 
-    def state_of(self, found: _Found) -> State:
+    def state_of(self, found: Found) -> State:
         """One state of the branch."""
         s = jax.tree.map(jnp.asarray, found.solution)
         return as_state(self.scene, self.path.system, s, self._conditions(s.reached))
@@ -456,5 +341,5 @@ class _Branch:
         )
 
 
-def _unstable(found: _Found) -> int:
+def _unstable(found: Found) -> int:
     return int(found.solution.negative)
