@@ -21,17 +21,25 @@ def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Along it, arrays that are the same in all of the batch have the length 1.
     """
-    of_lanes = jax.custom_batching.custom_vmap(function)
 
-    @of_lanes.def_vmap
-    def batched(size: int, is_batched: Any, *args: Any) -> tuple[Any, Any]:
-        def last(x: Array, batched: bool) -> Array:
-            return jnp.moveaxis(x, 0, -1) if batched else x[..., None]
+    def run(*args: Any) -> Any:
+        # A rule of `vmap` runs later, when the arithmetic of a path in float32 may have ended.
+        wide = jnp.result_type(float) == "float64"
+        of_lanes = jax.custom_batching.custom_vmap(function)
 
-        found = of_lanes(*jax.tree.map(last, args, tuple(is_batched)))
-        return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), found), jax.tree.map(lambda x: True, found)
+        @of_lanes.def_vmap
+        def batched(size: int, is_batched: Any, *args: Any) -> tuple[Any, Any]:
+            def last(x: Array, batched: bool) -> Array:
+                return jnp.moveaxis(x, 0, -1) if batched else x[..., None]
 
-    return of_lanes
+            with jax.enable_x64(wide):
+                found = of_lanes(*jax.tree.map(last, args, tuple(is_batched)))
+                found = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), found)
+            return found, jax.tree.map(lambda x: True, found)
+
+        return of_lanes(*args)
+
+    return run
 
 
 def everywhere(function: Callable[..., Any], lanes: int, *args: Any) -> Any:

@@ -49,6 +49,19 @@ def test_inverse(n: int) -> None:
     np.testing.assert_allclose(A[regular][0] @ x, b, atol=1e-11 * n)
 
 
+def test_inverses_in_float32_of_a_batch() -> None:
+    """Under `vmap` a loop is batched after its body was traced, when float64 is the default again."""
+
+    def twice(A: Any) -> Any:
+        with jax.enable_x64(False):
+            return jax.lax.fori_loop(0, 2, lambda _, A: tiny.invert(A).inverse, A)
+
+    A = jnp.asarray(np.eye(3) + np.random.default_rng(0).uniform(size=(4, 3, 3)), dtype="float32")
+    found = jax.vmap(jax.jit(twice))(A)
+    assert found.dtype == "float32"
+    np.testing.assert_allclose(found, A, rtol=1e-4)
+
+
 def test_batches_of_larger_matrices_are_solved_one_by_one() -> None:
     """A batched call of LAPACK may wait for XLA's threads for ever (jaxlib 0.10): there is none, at any level."""
     rng, n = np.random.default_rng(0), tiny.ROWS + 3
