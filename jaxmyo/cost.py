@@ -17,8 +17,8 @@ from jaxmyo.system import System
 # block of the README), measured on bodies of 5 to 904 unknowns, and of 13,000 to 101,000. They hold within a factor of
 # three there: an estimate, to compare scenes with.
 _START = 2e-4  # of a dense iteration, whatever its size
-_POINT = {"few": 6e-6, "many": 1.6e-5, "sparse": 1.3e-6}  # residual and tangent at a Gauss point
-_FEW = 6  # unknowns of an element up to which it is differentiated in them
+_POINT = {"few": 2.5e-6, "many": 7e-6, "sparse": 2.4e-6}  # residual and tangent at a Gauss point
+_FEW = 6  # unknowns of an element up to which they are few
 _LU = 1.1e-10  # dense factors, times n³
 _INERTIA = 7e-10  # the count of unstable modes at the end of a dense solve, times n³
 _NESTED = 2.3e-10  # sparse factors, times n²
