@@ -92,9 +92,8 @@ def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
     assert system.columns is not None
     assert system.local_u is not None
     n_e, n_g = system.weight.shape
-    # The sums over the points of an element are written out. More than nine are those of several elements.
-    size = max(k for k in range(1, 10) if n_g % k == 0)
-    parts = n_g // size
+    size = points.together(n_g)
+    parts = n_g // size  # of an element, each an element of its own
 
     def in_lanes(x: Array) -> Array:
         """(n_elements, n_points, ...) → (..., size, elements)."""
@@ -149,7 +148,7 @@ def _at(system: System, e: _Elements) -> tuple[points.Points, Array]:
 def _forces(system: System, e: _Elements) -> Array:
     """The derivatives (unknowns, e) of the Lagrangian."""
     at, c = _at(system, e)
-    by_c = points.by_c(system, c, e.place) * e.weight[None]
+    by_c = points.by_c(system, c, e.place, e.weight)
     return _first(e, points.by_y(at, by_c), by_c)
 
 
@@ -163,8 +162,7 @@ def _first(e: _Elements, by_y: Array, by_c: Array) -> Array:
 def _terms(system: System, e: _Elements) -> tuple[Array, Array, Array]:
     """The first (unknowns, e) and second (unknowns, unknowns, e) derivatives, and det F."""
     at, c = _at(system, e)
-    by_c, by_cc = points.by_c_twice(system, c, e.place)
-    by_c, by_cc = once(by_c * e.weight[None]), once(by_cc * e.weight[None, None])
+    by_c, by_cc = points.by_c_twice(system, c, e.place, e.weight)
     by_y, by_yy, by_ym = points.by_y_twice(system.coordinates, at, by_c, by_cc)
     n_k, n_g = by_y.shape[1], e.columns.shape[3]
     pairs = [(i, k) for i in range(3) for k in range(n_k)]

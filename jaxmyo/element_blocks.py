@@ -97,7 +97,7 @@ def forces(system: System, e: Elements, u: Array, m: Array, inputs: Inputs) -> t
 def _of_groups(of_points: Callable[..., Any], system: System, e: Elements, inputs: Inputs) -> Any:
     """The sums over the Gauss points, some at a time, of what a function finds; of the last one, the minimum."""
     n_points = e.weight.shape[0]
-    size = max(k for k in range(1, 10) if n_points % k == 0)  # the sums over them are written out
+    size = points.together(n_points)
     if size == n_points:
         return of_points(system, e, inputs)
 
@@ -126,8 +126,7 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
     Indices: i, j displacements; k, l their derivatives; a, b nodes; g points; N elements.
     """
     at, c, place = _at(system, e, inputs, u, m)
-    by_c, by_cc = points.by_c_twice(system, c, place)
-    by_c, by_cc = once(by_c * e.weight[None]), once(by_cc * e.weight[None, None])
+    by_c, by_cc = points.by_c_twice(system, c, place, e.weight)
     by_y, by_yy, by_ym = points.by_y_twice(system.coordinates, at, by_c, by_cc)
     G = _gradients(system, e)
     of, each = range(G.shape[1]), range(G.shape[2])
@@ -148,7 +147,7 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
 def _first_of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) -> tuple[Array, ...]:
     """Sums over the points for a block: r (24, N), r_m (multipliers, N), and least_J."""
     at, c, place = _at(system, e, inputs, u, m)
-    by_c = points.by_c(system, c, place) * e.weight[None]
+    by_c = points.by_c(system, c, place, e.weight)
     J = jnp.min(points.least_J(system.coordinates, at))
     return _at_nodes(system, e, points.by_y(at, by_c)), jnp.sum(by_c[6:], axis=1), J
 

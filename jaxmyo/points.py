@@ -78,16 +78,21 @@ def strain(at: Points, m: Array) -> Array:
     return once(jnp.concatenate([jnp.broadcast_to(x, (len(x), *lanes)) for x in (once(C), m)]))
 
 
-def by_c(system: System, c: Array, place: Place) -> Array:
-    """The derivative (7 or 8, *lanes) of the density by c [kPa]."""
-    return everywhere(_derivative(system), c.ndim - 1, c, place)
+def together(n_points: int) -> int:
+    """How many points of an element are taken at a time, a part of all: the sums over them are written out."""
+    return max(k for k in range(1, 10) if n_points % k == 0)
 
 
-def by_c_twice(system: System, c: Array, place: Place) -> tuple[Array, Array]:
-    """The first (7 or 8, *lanes) and second (7 or 8, 7 or 8, *lanes) derivatives of the density by c [kPa]."""
+def by_c(system: System, c: Array, place: Place, weight: Array) -> Array:
+    """The derivative (7 or 8, *lanes) of the density by c [kPa], times the weight (*lanes) [mm³]."""
+    return everywhere(_derivative(system), c.ndim - 1, c, place) * weight[None]
+
+
+def by_c_twice(system: System, c: Array, place: Place, weight: Array) -> tuple[Array, Array]:
+    """As `by_c`, and the second derivatives (7 or 8, 7 or 8, *lanes)."""
     first = _derivative(system)
-    found = everywhere(lambda *at: (first(*at), jax.jacfwd(first)(*at)), c.ndim - 1, c, place)
-    return once(found[0]), once(found[1])
+    by_c, by_cc = everywhere(lambda *at: (first(*at), jax.jacfwd(first)(*at)), c.ndim - 1, c, place)
+    return once(by_c * weight[None]), once(by_cc * weight[None, None])
 
 
 def by_y(at: Points, by_c: Array) -> Array:
@@ -141,9 +146,13 @@ def _derivative(system: System) -> Callable[[Array, Place], Array]:
 def _first(at: Points, by_F: Array) -> Array:
     if at.H is None:
         return by_F
-    by_g = [total(by_F[i, k] * at.H[i, k] for k in range(3)) for i in range(3)]
-    by_theta = total(by_g[i][None] * at.by_g[i] for i in range(3))
+    by_theta = total(by_g[None] * at.by_g[i] for i, by_g in enumerate(_by_g(at, by_F)))
     return jnp.concatenate([at.g[:, None] * by_F, by_theta[:, None]], axis=1)
+
+
+def _by_g(at: Points, by_F: Array) -> list[Array]:
+    """By the scale factors g_i, F = diag(g) · H: three (*lanes)."""
+    return [total(by_F[i, k] * at.H[i, k] for k in range(3)) for i in range(3)]
 
 
 def _second(c: Coordinates, at: Points, by_F: Array, by_FF: Array, by_Fm: Array) -> tuple[Array, Array]:
@@ -154,9 +163,7 @@ def _second(c: Coordinates, at: Points, by_F: Array, by_FF: Array, by_Fm: Array)
     by_F_theta = once(total(by_FF[:, :, i, k, None] * F_of_theta[None, None, i, k] for i, k in pairs))
     by_theta = total(F_of_theta[i, k][:, None] * by_F_theta[i, k][None] for i, k in pairs)
     by_gg = everywhere(jax.jacfwd(c.by_theta), at.lanes, at.theta)
-    by_theta = by_theta + total(
-        total(by_F[i, k] * at.H[i, k] for k in range(3))[None, None] * by_gg[i] for i in range(3)
-    )
+    by_theta = by_theta + total(by_g[None, None] * by_gg[i] for i, by_g in enumerate(_by_g(at, by_F)))
     by_H_theta = at.g[:, None, None] * by_F_theta + by_F[:, :, None] * at.by_g[:, None]
     by_HH = at.g[:, None, None, None] * by_FF * at.g[None, None, :, None]
     by_H = jnp.concatenate([by_HH, by_H_theta[:, :, :, None]], axis=3)
