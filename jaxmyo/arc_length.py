@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks, progress
+from jaxmyo import checks, progress, tracing
 from jaxmyo.bordered import Found, Plane, correct, correct_dense
 from jaxmyo.conditions import Condition, Load, Spring
 from jaxmyo.continuation import Solution
@@ -98,7 +98,7 @@ def trace(
     SolveError where a branch cannot be followed further however small the step (its `.state` is the last state); with
     throw=False the status of the trace says so. For use outside of `jit` and `vmap`.
     """
-    if checks.is_traced((state, conditions)):
+    if tracing.is_traced((state, conditions)):
         raise TypeError("trace follows one branch, outside of jit, vmap and grad")
     if int(steps) != steps or steps < 1:
         raise ValueError(f"steps = {steps} must be an integer ≥ 1 (number of states after the start)")

@@ -31,7 +31,7 @@ Found = TypeVar("Found")
 
 _THREADS = ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="jaxmyo")
 #: For what waits for those threads itself.
-_BESIDE = ThreadPoolExecutor(2, thread_name_prefix="jaxmyo-compile")
+_BESIDE = ThreadPoolExecutor(1, thread_name_prefix="jaxmyo-compile")
 
 
 @partial(jax.jit, static_argnames=("inside",), compiler_options=compiler.LEAN)
@@ -59,18 +59,6 @@ def _forces(system: System, e: Elements, u: Any, m: Any, inputs: Inputs) -> tupl
     return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf)))
 
 
-@partial(jax.jit, compiler_options=compiler.LEAN)
-def _rates(system: System, e: Elements, u: Any, du: Any, m: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
-    """The change of `_forces` and constraints with u and the inputs."""
-
-    def block(at: tuple[Any, ...]) -> tuple[Any, Any]:
-        e, m, T, dT = at
-        where, change = (u, _with_tensions(inputs, T)), (du, _with_tensions(by_t, dT))
-        return jax.jvp(lambda u, inputs: element_blocks.forces(system, e, u, m, inputs)[:2], where, change)[1]
-
-    return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf), (by_t.T_f, by_t.T_cf)))
-
-
 def _with_tensions(inputs: Inputs, T: tuple[Array, Array]) -> Inputs:
     return inputs._replace(T_f=T[0], T_cf=T[1])
 
@@ -81,16 +69,6 @@ def _load_forces(system: System, u: Any, pressures: Any, inputs: Inputs) -> tupl
     loads = lagrangian.loads(system, pressures, inputs)
     at_nodes = surface.nodal_forces(system.coordinates, loads, system.points + u, system.points)
     return at_nodes, lagrangian.enclosed(system, u)
-
-
-@jax.jit
-def _load_rates(system: System, u: Any, du: Any, pressures: Any, inputs: Inputs, by_t: Inputs) -> tuple[Any, Any]:
-    """The change of `_load_forces` with u and the inputs."""
-
-    def of(u: Array, inputs: Inputs) -> tuple[Array, Array]:
-        return _load_forces(system, u, pressures, inputs)
-
-    return jax.jvp(of, (u, inputs), (du, by_t))[1]
 
 
 @jax.jit
@@ -105,7 +83,7 @@ def _load_terms(system: System, u: Any, pressures: Any, inputs: Inputs) -> tuple
 
 def _programs() -> int:
     """How many programs for elements are compiled."""
-    programs: Any = (_terms, _forces, _rates)
+    programs: Any = (_terms, _forces)
     return sum(int(f._cache_size()) for f in programs)
 
 
@@ -142,7 +120,7 @@ class Assembly:
         )
         geometry = (self.in_blocks(cells), dN, weight, frame, theta, inverse_g)
         every = (*geometry, self.in_blocks(np.asarray(system.material)), self.scale)
-        self._elements = [Elements(*(jnp.asarray(x[chunk]) for x in every)) for chunk in self.chunks]
+        self._elements = [jax.device_put(Elements(*(x[chunk] for x in every))) for chunk in self.chunks]
         # Without what belongs to single elements, so that bodies of all sizes share the compiled functions.
         none: Any = np.zeros(0)
         own = (*Elements._fields[:-1], "tie_index", "tie_scale", "points", "local_multipliers")
@@ -198,13 +176,11 @@ class Assembly:
     def first(
         self, u: Floats, z: Floats, inputs: Inputs, gamma: float, inside: tuple[bool, ...]
     ) -> tuple[slice, Terms]:
-        """(chunk, its terms) of the first chunk. The other programs are compiled beside: each takes seconds."""
-        known, none = _programs(), jax.tree.map(np.zeros_like, inputs)
-        others = (self._forces(u, z, inputs, 1), self._rates(u, z, inputs, np.zeros_like(u), none, 1))
-        beside = [_BESIDE.submit(list, other) for other in others]
+        """(chunk, its terms) of the first chunk. The program of the forces is compiled beside: each takes seconds."""
+        known = _programs()
+        beside = _BESIDE.submit(list, self._forces(u, z, inputs, 1))
         found = next(self.terms(u, z, inputs, gamma, inside, chunks=1))
-        for other in beside:
-            other.result()
+        beside.result()
         if _programs() != known:
             _give_back()
         return found
@@ -216,17 +192,6 @@ class Assembly:
             return _forces(self._shared, e, u, m, _with_tensions(common, T))
 
         return self._each(compute, (self._multipliers(z), tensions), chunks)
-
-    def _rates(
-        self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs, chunks: int | None = None
-    ) -> Iterator[tuple[slice, Any]]:
-        (common, tensions), (change, by_tensions) = self._split(inputs), self._split(by_t)
-
-        def compute(e: Elements, m: Floats, T: tuple[Any, Any], dT: tuple[Any, Any]) -> Any:
-            both = _with_tensions(common, T), _with_tensions(change, dT)
-            return _rates(self._shared, e, u, du, m, *both)
-
-        return self._each(compute, (self._multipliers(z), tensions, by_tensions), chunks)
 
     def add_to(self, r: Floats, chunk: slice, r_u: Any, r_m: Any) -> None:
         """Add the forces (n_blocks, 24, BLOCK) and the constraints of a chunk to the residual (n + 1,)."""
@@ -241,26 +206,24 @@ class Assembly:
             least_J = min(least_J, float(J.min()))
         r = r[:-1]
         if self.loaded:
-            loads = _load_forces(self._loads, u, self.system.pressures(z), self._of_loads(inputs))
-            self._take_loads(r, loads, inputs)
+            at_nodes, volumes = _load_forces(self._loads, u, self.system.pressures(z), self._of_loads(inputs))
+            r += np.bincount(self.tie_index, -self.tie_scale * np.asarray(at_nodes).ravel(), len(r))
+            r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
         return r, least_J
 
     def rates(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> Floats:
-        """The change (n,) of the residual with the displacements and the inputs."""
-        dr = np.append(-np.asarray(by_t.imbalance), 0.0)
-        for chunk, change in self._rates(u, z, inputs, du, by_t):
-            self.add_to(dr, chunk, *change)
-        dr = dr[:-1]
-        if self.loaded:
-            both = self._of_loads(inputs), self._of_loads(by_t)
-            self._take_loads(dr, _load_rates(self._loads, u, du, self.system.pressures(z), *both), by_t)
-        return dr
+        """The change (n,) of the residual with the displacements and the inputs.
 
-    def _take_loads(self, r: Floats, loads: tuple[Any, Any], inputs: Inputs) -> None:
-        """The residual (n,) less forces at the nodes; with the volumes that are missing."""
-        forces, volumes = loads
-        r += np.bincount(self.tie_index, -self.tie_scale * np.asarray(forces).ravel(), len(r))
-        r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
+        By central differences, to some 1e-9: what goes along the path needs no more, and an exact derivative is one
+        more program, which takes seconds to compile.
+        """
+        h = 1e-6
+
+        def residual(t: float) -> Floats:
+            moved = jax.tree.map(lambda x, dx: np.asarray(x) + t * np.asarray(dx), inputs, by_t)
+            return self.forces(u + t * du, z, moved)[0]
+
+        return (residual(h) - residual(-h)) / (2.0 * h)
 
     def metric(self) -> Floats:
         """The upper triangle (nnz,) of ∫ |∂F|² dV at rest, its parts that couple different components left out."""

@@ -13,6 +13,8 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from jaxmyo.tracing import every, floats, is_traced, known, numpy_for
+
 #: Valid closed ranges of the inputs that every scene has.
 RANGES = {
     "beta": (0.0, 1.0, "–, the degree of activation"),
@@ -22,27 +24,6 @@ RANGES = {
     "weave_stiffness": (0.0, float("inf"), "kPa, the stiffness k of the weave; None for the exact constraint"),
 }
 _OPEN = {"stretch", "weave_stiffness"}  # ranges whose ends are excluded
-
-
-def is_traced(value: Any) -> bool:
-    """Whether the value, or a leaf of it, is only known inside a JAX transformation."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
-
-
-def is_staged(tree: Any) -> bool:
-    """Whether a leaf is unknown while Python runs, as inside jit and vmap, not only carried along by a derivative."""
-    seen: list[Any] = []
-
-    @jax.custom_jvp
-    def look(*leaves: Any) -> Any:
-        seen.append(is_traced(leaves))  # a function with a rule of its own is called with the values
-        return leaves
-
-    look.defjvp(lambda primals, tangents: (look(*primals), tangents))
-    traced = [leaf for leaf in jax.tree.leaves(tree) if is_traced(leaf)]
-    if traced:
-        look(*traced)
-    return any(seen)
 
 
 def concrete(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -64,8 +45,8 @@ def scalar(name: str, value: ArrayLike, kind: str) -> Array:
     if is_traced(value):
         if jnp.ndim(value) != 0:
             raise ValueError(f"{name} must be a scalar; got shape {jnp.shape(value)}. Use jax.vmap for many values.")
-        return jnp.asarray(value, dtype=float)
-    return jnp.asarray(number(name, value, kind), dtype=float)
+        return floats(value)
+    return floats(number(name, value, kind))
 
 
 def number(name: str, value: Any, kind: str) -> float:
@@ -80,11 +61,12 @@ def number(name: str, value: Any, kind: str) -> float:
     return number
 
 
-def within(value: Array, kind: str) -> Array:
-    """The same limits as `scalar`, as a traced boolean."""
+def within(value: Any, kind: str) -> Any:
+    """The same limits as `scalar`, as a flag that may be traced."""
     low, high, _ = RANGES[kind]
+    value = known(value)
     inside = (low < value) & (value < high) if kind in _OPEN else (low <= value) & (value <= high)
-    return inside & jnp.isfinite(value)
+    return inside & numpy_for(value).isfinite(value)
 
 
 def finite_tree(name: str, tree: Any) -> Any:
@@ -99,26 +81,25 @@ def finite_tree(name: str, tree: Any) -> Any:
                 raise TypeError(f"{full} must be a number or an array of numbers; got {leaf!r}") from error
             if not np.isfinite(array).all():
                 raise ValueError(f"{full} must be finite; got {leaf}")
-        return jnp.asarray(leaf, dtype=float)
+        return floats(leaf)
 
     return jax.tree_util.tree_map_with_path(check, tree)
 
 
-def tree_is_finite(tree: Any) -> Array:
-    """Whether every number of a pytree is finite, as a traced boolean where one is traced."""
-    if not is_traced(tree):  # no JAX: each shape would be compiled
-        return jnp.array(all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree)))
-    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)] or [jnp.array(True)]))
+def tree_is_finite(tree: Any) -> Any:
+    """Whether every number of a pytree is finite, as a flag that may be traced."""
+    leaves = jax.tree.leaves(tree)
+    return every(True, *(numpy_for(leaf).isfinite(leaf).all() for leaf in leaves))
 
 
-def finite_or_zero(tree: Any) -> tuple[Any, Array]:
+def finite_or_zero(tree: Any) -> tuple[Any, Any]:
     """A pytree with 0 for every traced number that is not finite, and whether all of the traced ones are finite.
 
     In a derivative, 0 · NaN would come back.
     """
     traced = [leaf for leaf in jax.tree.leaves(tree) if is_traced(leaf)]
     if not traced:
-        return tree, jnp.array(True)
+        return tree, np.True_
     clean = jax.tree.map(lambda x: jnp.where(jnp.isfinite(x), x, 0.0) if is_traced(x) else x, tree)
     return clean, tree_is_finite(traced)
 

@@ -6,7 +6,7 @@ from typing import Any, TypeVar, cast
 
 import jax
 
-from jaxmyo import checks
+from jaxmyo import tracing
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -33,6 +33,6 @@ def lean(function: F, *static: str) -> F:
 
     @wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
-        return (part if checks.is_traced((args, kwargs)) else program)(*args, **kwargs)
+        return (part if tracing.is_traced((args, kwargs)) else program)(*args, **kwargs)
 
     return cast(F, run)

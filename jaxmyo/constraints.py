@@ -11,7 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checks, element_batches
+from jaxmyo import element_batches, tracing
 from jaxmyo.coordinates import evaluate
 from jaxmyo.invariants import weave_h
 from jaxmyo.scene import Scene
@@ -35,7 +35,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
         if n_p + n_q > system.n_u:
             raise ValueError(_message(scene, n_p, n_q, system.n_u, min(n_p, system.n_u), system.n_u))
         return
-    value = 0.2 if a_over_D is None or checks.is_traced(a_over_D) else float(np.asarray(a_over_D))
+    value = 0.2 if a_over_D is None or tracing.is_traced(a_over_D) else float(np.asarray(a_over_D))
     B = _jacobian_at_rest(system, value)[hard]
     rank_p, rank = _rank(B[:n_p]), _rank(B)
     locked = n_q > 0 and rank == system.n_u and len(system.cells) > 1
@@ -45,7 +45,7 @@ def check_at_rest(scene: Scene, system: System, a_over_D: ArrayLike | None, *, s
 
 def at_failure(system: System, z: Array, inputs: Inputs) -> str:
     """For a solve that failed: a sentence if the constraints are redundant at its last state, else nothing."""
-    if checks.is_traced((system, z, inputs)):
+    if tracing.is_traced((system, z, inputs)):
         return ""
     hard = _hard(system, soft=float(inputs.softness) != 0.0)
     n_u, n_hard = system.n_u, len(hard)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 from jax import Array
 
-from jaxmyo import checks, control, newton, progress
+from jaxmyo import control, newton, progress, tracing
 from jaxmyo.linear import At, negligible
 from jaxmyo.newton import Linear, Settings
 from jaxmyo.status import Status
@@ -143,7 +143,7 @@ def follow(
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
 
     moves = _differ(xp, start, end)  # else the start, corrected, is the end
-    traced = checks.is_traced(z)
+    traced = tracing.is_traced(z)
     watch = progress.Watch(settings.time_limit, settings.progress)
 
     def keep_going(path: _Path) -> Array:

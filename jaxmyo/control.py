@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo.checks import is_traced
+from jaxmyo.tracing import is_traced
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface
+from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface, tracing
 from jaxmyo.compiler import lean
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
 from jaxmyo.continuation import Solution
@@ -80,10 +80,10 @@ def cycle(
         return _Step(beta, _ties(scene, conditions).offset, loads, surface.cavities(scene.mesh, conditions)[1])
 
     plan = jax.vmap(of_one)(stacked, jnp.asarray(betas))
-    valid = valid & finite & jnp.all(checks.within(plan.beta, "beta"))
+    valid = valid & finite & checks.within(plan.beta, "beta").all()
     problem = _Problem(system_A, system_C, inputs, unloaded, plan, valid)
     if out is not None:
-        if checks.is_traced(problem):
+        if tracing.is_traced(problem):
             raise TypeError("out is for a cycle outside of jit, vmap and grad")
         own = checkpoint.identity(
             scene,
@@ -100,7 +100,7 @@ def cycle(
         found_A, found_C = run(problem, settings)
     A = _states(scene, system_A, found_A, ())
     C = _states(scene, system_C, found_C, tuple(c for c in stacked if not isinstance(c, Tie | Volume)))
-    if throw and not checks.is_traced(found_C.status):
+    if throw and not tracing.is_traced(found_C.status):
         for name, states in (("A", A), ("C", C)):
             if not bool(jnp.all(states.converged)):
                 k = int(np.argmin(np.asarray(states.converged)))
@@ -233,7 +233,7 @@ def _run_kept(problem: _Problem, settings: Settings, path: Path, own: dict[str, 
 
 def _stack(*values: ArrayLike) -> Any:
     """The values of all times, in NumPy unless one is traced."""
-    xp = jnp if checks.is_traced(values) else np
+    xp = jnp if tracing.is_traced(values) else np
     return xp.stack([xp.asarray(v, dtype=float) for v in values])
 
 

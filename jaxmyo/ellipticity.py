@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import checks, lagrangian
+from jaxmyo import lagrangian, tracing
 from jaxmyo.coordinates import CARTESIAN
 from jaxmyo.energies import Kind
 from jaxmyo.system import Inputs, System
@@ -63,7 +63,7 @@ def weakest(system: System, F: Array, multipliers: Array, inputs: Inputs) -> tup
     none: Any = jnp.zeros(0)
     shared = inputs._replace(T_f=none, T_cf=none, offset=none, loads={}, volumes=none, imbalance=none)
     material, n = _Material(system.kinds, system.weave), len(points[0])
-    if checks.is_traced((points, shared)):
+    if tracing.is_traced((points, shared)):
         found = jax.lax.map(lambda at: _of_point(material, shared, *at), points, batch_size=BLOCK)
     else:  # in blocks of one size, so that one program serves all bodies
         padded = np.resize(np.arange(n), (-(-n // BLOCK), BLOCK))

@@ -173,10 +173,10 @@ class _Pardiso:
 
 @cache
 def _pardiso() -> Any:
-    """The function of MKL. To find the library takes a fifth of a second."""
-    from pypardiso import PyPardisoSolver
+    """The function of MKL. pypardiso takes a fifth of a second to find the library, and does so when it is imported."""
+    from pypardiso import ps
 
-    function = PyPardisoSolver(mtype=-2).libmkl["pardiso"]
+    function = ps.libmkl["pardiso"]  # one of our own: each access makes another
     function.restype = None
     return function
 

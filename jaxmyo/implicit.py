@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse
+from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse, tracing
 from jaxmyo.compiler import lean
 from jaxmyo.continuation import Solution
 from jaxmyo.linear import Dense
@@ -48,7 +48,7 @@ def _followed(
             f"settings.precision = {settings.precision!r} is for bodies of up to 1000 unknown displacements; of larger "
             'ones, "float64" factorises in float32 and corrects in float64 already'
         )
-    traced = checks.is_traced((z, end))
+    traced = tracing.is_traced((z, end))
     if system.is_small and (single or traced or not (stepwise or progress.wanted())):
         if stepwise:
             raise ValueError(
@@ -65,7 +65,7 @@ def _followed(
     at: Any = np.array(z)
     flags: Any = (np.asarray(valid), np.asarray(from_rest))
     solution, _ = continuation.follow(lin, at, start, end, flags[0], flags[1], settings)
-    return jax.tree.map(jnp.asarray, solution), None
+    return jax.device_put(solution), None
 
 
 def _path(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
@@ -82,7 +82,7 @@ def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...
     s, K = _followed(*primals, settings)
     system, d_system, d_end = primals[0], tangents[0], tangents[3]
     regular = (s.status == Status.CONVERGED) & (s.zero <= 0)  # −1: multigrid, which cannot tell
-    if not checks.is_traced(regular) and s.status == Status.CONVERGED and not regular:
+    if not tracing.is_traced(regular) and s.status == Status.CONVERGED and not regular:
         raise SingularError(
             f"the state has no derivative: its tangent has {int(s.zero)} mode(s) without stiffness (zero_eigenvalues), "
             "as the Lin–Yin law at rest. Differentiate at another state, or hold these modes"

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import energies, surface
+from jaxmyo import energies, surface, tracing
 from jaxmyo.coordinates import Coordinates
 from jaxmyo.energies import Kind
 from jaxmyo.invariants import I4, I6
@@ -171,7 +171,7 @@ def residual(system: System, z: Array, inputs: Inputs) -> Array:
 def enclosed(system: System, u: Any) -> Array:
     """The volumes (n_cavities,) [mm³] of the cavities at displacements u (n_nodes, 3)."""
     each = [surface.enclosed(system.coordinates, wall, system.points + u) for wall in system.cavities]
-    return jnp.stack(each) if each else jnp.zeros(0)
+    return jnp.stack(each) if each else tracing.zeros(0)
 
 
 def loads(system: System, pressures: Any, inputs: Inputs) -> list[surface.Loads]:

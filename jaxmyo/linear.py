@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import checks, element_batches, lagrangian, tiny
+from jaxmyo import element_batches, lagrangian, tiny, tracing
 from jaxmyo.system import Inputs, System
 
 
@@ -200,7 +200,7 @@ class Dense:
 
     def at(self, z: Array, inputs: Inputs) -> At:
         """The residual (n,) and the tangent (n, n) at z."""
-        return self._at(z, inputs) if checks.is_traced(z) else _at(self, z, inputs)
+        return self._at(z, inputs) if tracing.is_traced(z) else _at(self, z, inputs)
 
     def _at(self, z: Array, inputs: Inputs) -> At:
         # The barrier keeps XLA from fusing, and so repeating, the element's arithmetic into each use of its result.

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmyo import checks, control, progress
+from jaxmyo import control, progress, tracing
 from jaxmyo.linear import At, negligible
 from jaxmyo.status import Status
 from jaxmyo.system import Inputs
@@ -86,7 +86,7 @@ def batched_as(x: Array, carry: T) -> T:
     The carry of a loop that starts unbatched makes JAX batch the loop's body several times over, at every level of
     nested loops: most of the time of tracing.
     """
-    if not checks.is_traced(x):
+    if not tracing.is_traced(x):
         return carry
     return jax.tree.map(lambda leaf: jnp.where(x == x, leaf, leaf), carry)
 
@@ -131,7 +131,7 @@ def solve(
         # A NaN compares as false; round-off may keep a tiny correction from shrinking.
         shrink = xp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
         taken = admissible & (begin | (simplified <= shrink * s.size + s.blur))
-        if not checks.is_traced(z):
+        if not tracing.is_traced(z):
             progress.iteration(s.iteration + 1, at, s.alpha, simplified, bool(taken))
 
         def further() -> Iterate:

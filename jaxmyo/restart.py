@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import checks
+from jaxmyo import checks, tracing
 from jaxmyo.conditions import BodyForce, Pressure, Spring, Traction
 from jaxmyo.files import whole
 from jaxmyo.fingerprint import differing, fingerprint
@@ -38,7 +38,7 @@ def save_state(path: str | Path, state: State) -> Path:
     """
     if not isinstance(state, State):
         raise TypeError(f"state must be a State; got {state!r}")
-    if checks.is_traced(state):
+    if tracing.is_traced(state):
         raise TypeError("state is traced: save it outside of jit, vmap and grad")
     if not checks.same_structure(state.inputs.constants, state.scene.constants_of_kinds()):
         raise ValueError(

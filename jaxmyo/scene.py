@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmyo import checks, fibres, patches, surface, ties
+from jaxmyo import checks, fibres, patches, surface, ties, tracing
 from jaxmyo.conditions import Displacement, Spring, Tie
 from jaxmyo.energies import Kind, Law
 from jaxmyo.hexahedron import gauss
@@ -162,5 +162,5 @@ def _check_law(law: Law, constants: Any) -> None:
     shape = jax.eval_shape(law, *rest, constants)
     if not isinstance(shape, jax.ShapeDtypeStruct) or shape.shape != () or shape.dtype != jnp.float64:
         raise ValueError(f"law must return one float64 energy density W (kPa), shape (); {law} returns {shape}")
-    if not checks.is_traced(constants) and not bool(jnp.isfinite(jax.jit(law)(*rest, constants))):
+    if not tracing.is_traced(constants) and not np.isfinite(jax.jit(law)(*rest, constants)):
         raise ValueError(f"law is not finite at rest (C = I, beta = 0) with constants = {constants}")

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, constraints, continuation, factor, fibres, lagrangian, surface
+from jaxmyo import checks, constraints, continuation, factor, fibres, lagrangian, surface, tracing
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape_gradient
@@ -62,8 +62,9 @@ def contract(
     geometry, has_volume = _geometry(scene, points, fibre, cross)
     system, end, valid = contraction(scene, T0, a_over_D, beta, weave_stiffness, constants, geometry)
     valid = valid & has_volume
-    begin = end._replace(beta=jnp.zeros_like(end.beta))
-    z = jnp.concatenate([jnp.zeros(system.n_u), _pressure_at_rest(scene, begin), jnp.zeros(system.n_q)])
+    begin = end._replace(beta=tracing.zeros())
+    p = _pressure_at_rest(scene, begin)
+    z = tracing.numpy_for(p).concatenate([np.zeros(system.n_u), p, np.zeros(system.n_q)])
     if start is not None:
         _check_start(scene, start, "start")
         if (start.q is None) != (a_over_D is None):
@@ -75,8 +76,7 @@ def contract(
     found = _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
     if start is None:
         return found
-    # Under jit nothing stops at a start that failed: what is contracted from it fails for its reason.
-    return replace(found, status=jnp.where(start.converged, found.status, start.status))
+    return replace(found, status=_unless_failed(found.status, start))
 
 
 def load(
@@ -95,8 +95,7 @@ def load(
     system, z, begin, end, valid, loads = problem(state, conditions, start)
     origin = state if start is None else start
     found = _solve(state.scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
-    # Under jit nothing stops at a state that failed: what is loaded from it fails for its reason.
-    status = jnp.where(state.converged, jnp.where(origin.converged, found.status, origin.status), state.status)
+    status = _unless_failed(found.status, origin, state)
     # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
     zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
     return replace(found, status=status, zero_eigenvalues=zero)
@@ -140,21 +139,20 @@ def problem(state: State, conditions: tuple[Condition, ...], start: State | None
     surfaces, before, after = _changing_loads(scene, origin.conditions, loads)
     traced = (origin.status, state.status, conditions)
     system = loading(scene, ties, surfaces, walls, traced, state.system)
-    none = jnp.zeros(system.size)
+    none = tracing.zeros(system.size)
     end = state.inputs._replace(T_f=state.T_f, T_cf=state.T_cf, offset=ties.offset, loads=after, volumes=volumes)
     end = end._replace(imbalance=none)
     # At the start of the path the body is where it was: what the ties cannot express of that is an offset that fades.
-    u = origin.u.reshape(-1)
+    u = tracing.known(origin.u).reshape(-1)
     z_u = unknowns(system, u, ties.offset)
     begin = origin.inputs._replace(T_f=origin.T_f, T_cf=origin.T_cf, offset=held(system, u, z_u), loads=before)
     begin = begin._replace(volumes=lagrangian.enclosed(system, origin.u), imbalance=none)
-    stretches = [
-        checks.within(jnp.asarray(c.value, dtype=float), "stretch") for c in conditions if isinstance(c, Stretch)
-    ]
+    stretches = [checks.within(c.value, "stretch") for c in conditions if isinstance(c, Stretch)]
     good = (finite, state.converged, origin.converged, surface.springs_are_valid(after))
-    valid = jnp.all(jnp.stack([checks.tree_is_finite(end), *good, *stretches]))
+    valid = tracing.every(checks.tree_is_finite(end), *good, *stretches)
     same = len(origin.cavity_pressures) == len(walls)
-    z = jnp.concatenate([z_u, origin.p, origin.cavity_pressures if same else jnp.zeros(len(walls))])
+    parts = [z_u, origin.p, origin.cavity_pressures if same else np.zeros(len(walls))]
+    z = tracing.numpy_for(parts).concatenate(parts)
     if start is not None:
         at_start = jax.lax.stop_gradient((system, z, begin))  # where a path begins has no part in derivatives
         begin = begin._replace(imbalance=residual(*at_start))
@@ -169,13 +167,13 @@ def contraction(
     weave_stiffness: ArrayLike | None,
     own: Any,
     geometry: Geometry | None = None,
-) -> tuple[System, Inputs, Array]:
+) -> tuple[System, Inputs, Any]:
     """The problem of a state A: system, inputs, and whether the inputs are in their ranges."""
     constants = scene.constants_of_kinds(own)
     T0_, beta_ = checks.scalar("T0", T0, "T0"), checks.scalar("beta", beta, "beta")
     a_over_D_ = checks.scalar("a_over_D", 0.0 if a_over_D is None else a_over_D, "a_over_D")
     valid = checks.within(T0_, "T0") & checks.within(beta_, "beta") & checks.within(a_over_D_, "a_over_D")
-    softness = jnp.zeros(())
+    softness = tracing.zeros()
     if weave_stiffness is not None:
         k = checks.scalar("weave_stiffness", weave_stiffness, "weave_stiffness")
         stiff = checks.within(k, "weave_stiffness")
@@ -185,30 +183,30 @@ def contraction(
     large = _is_large(ties, T0_, beta_, a_over_D_, constants, geometry)
     kinds: Any = {"weave": a_over_D is not None, "surfaces": surfaces, "large": large}
     system = System.of(scene, ties, **kinds, geometry=geometry)
-    at_rest = System.of(scene, scene.kinematics(()), **kinds) if checks.is_traced(geometry) else system
+    at_rest = System.of(scene, scene.kinematics(()), **kinds) if tracing.is_traced(geometry) else system
     constraints.check_at_rest(scene, at_rest, a_over_D, soft=weave_stiffness is not None)
-    system = jax.tree.map(jnp.asarray, system)
-    tensions, none = jnp.zeros(system.weight.shape), jnp.zeros(system.size)
+    system = jax.device_put(system)
+    tensions, none = tracing.zeros(*system.weight.shape), tracing.zeros(system.size)
     inputs = Inputs(
-        constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, jnp.zeros(0), none
+        constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, tracing.zeros(0), none
     )
     return system, inputs, valid & checks.tree_is_finite(constants) & surface.springs_are_valid(springs)
 
 
-def _pressure_at_rest(scene: Scene, inputs: Inputs) -> Array:
+def _pressure_at_rest(scene: Scene, inputs: Inputs) -> Any:
     """p (n_p,) [kPa] that leaves a law no mean stress at rest, p = ⅓ tr 2 ∂W/∂C: μ for ½ μ (I1 − 3)."""
     _, first = np.unique(scene.p_patches, return_index=True)
-    return _pressures_at_rest(scene.kinds, inputs.beta, inputs.constants, scene.material[first])
+    return tracing.known(_pressures_at_rest(scene.kinds, inputs.beta, inputs.constants))[scene.material[first]]
 
 
 @partial(jax.jit, static_argnums=0)
-def _pressures_at_rest(kinds: tuple[Kind, ...], beta: Array, constants: tuple[Any, ...], material: Any) -> Array:
+def _pressures_at_rest(kinds: tuple[Kind, ...], beta: Array, constants: tuple[Any, ...]) -> Array:
     rest = jnp.eye(3)
     of_kinds = [
         2.0 / 3.0 * jnp.trace(jax.grad(kind.law)(rest, rest, beta, own))
         for kind, own in zip(kinds, constants, strict=True)
     ]
-    return jnp.stack(of_kinds)[material]
+    return jnp.stack(of_kinds)
 
 
 def loading(
@@ -226,24 +224,24 @@ def loading(
     geometry = like.geometry if like else None
     kinds: Any = {"weave": False, "surfaces": surfaces, "cavities": walls, "large": _is_large(ties, traced, geometry)}
     system = System.of(scene, ties, **kinds, geometry=geometry, like=like)
-    if not checks.is_traced((geometry, ties.scale)):
+    if not tracing.is_traced((geometry, ties.scale)):
         constraints.check_at_rest(scene, system, None, soft=False)
-    return jax.tree.map(jnp.asarray, system)
+    return jax.device_put(system)
 
 
 def _geometry(
     scene: Scene, points: ArrayLike | None, fibre: ArrayLike | None, cross: ArrayLike | None
-) -> tuple[Geometry | None, Array]:
+) -> tuple[Geometry | None, Any]:
     """What takes the place of the scene's nodes and fibres, if anything does, and whether it can.
 
     Concrete values are checked as those of a scene are. Traced ones that are no geometry are replaced by the scene's.
     """
     if points is None and fibre is None and cross is None:
-        return None, jnp.array(True)
+        return None, np.True_
     mesh = scene.mesh
     if points is None:
         points = mesh.points
-    if checks.is_traced(points):
+    if tracing.is_traced(points):
         if jnp.shape(points) != mesh.points.shape:
             raise ValueError(f"points must have shape {mesh.points.shape}; got {jnp.shape(points)}")
     else:
@@ -252,8 +250,8 @@ def _geometry(
     f = scene.frame[:, :, 0] if fibre is None else fibre
     c = scene.frame[:, :, 1] if cross is None else cross
     xi, _ = gauss(*scene.orders)
-    if not checks.is_traced((points, f, c)):
-        return Geometry(points, fibres.frame(mesh, xi, f, c)), jnp.array(True)  # type: ignore[arg-type]
+    if not tracing.is_traced((points, f, c)):
+        return Geometry(points, fibres.frame(mesh, xi, f, c)), np.True_  # type: ignore[arg-type]
     frame, good = fibres.traced_frame(mesh, xi, f, c)
     jacobian = jnp.einsum("eai,gaj->egij", jnp.asarray(points)[mesh.cells], shape_gradient(gauss(2, 2, 2)[0]))
     good = good & jnp.all(jnp.linalg.det(jacobian) > 0.0)
@@ -262,22 +260,26 @@ def _geometry(
 
 def _is_large(ties: Ties, *inputs: Any) -> bool:
     """Whether the body is solved by sparse factors: it has many unknowns, and is not inside jit or vmap."""
-    return ties.size > LARGE and not checks.is_staged((ties.offset, inputs))
+    return ties.size > LARGE and not tracing.is_staged((ties.offset, inputs))
 
 
-@jax.jit
 def unknowns(system: System, u: Array, offset: Array) -> Array:
     """The unknown displacements (n_u,) that fit u (n_dof,) best: a mean over tied nodes."""
-    free = u - jnp.where(jnp.isfinite(offset), offset, 0.0)
-    index, scale, none = system.tie_index, system.tie_scale, jnp.zeros(max(system.n_u, 1))
-    fit = none.at[index].add(scale * free) / jnp.maximum(none.at[index].add(scale**2), jnp.finfo(u.dtype).tiny)
-    return fit[: system.n_u]
+    index, scale, u, offset = (tracing.known(x) for x in (system.tie_index, system.tie_scale, u, offset))
+    xp, size = tracing.numpy_for(scale, u, offset), max(system.n_u, 1)
+
+    def collected(x: Any) -> Any:
+        return np.bincount(index, x, size) if xp is np else jnp.zeros(size).at[index].add(x)
+
+    free = u - xp.where(xp.isfinite(offset), offset, 0.0)
+    fit = collected(scale * free) / xp.maximum(collected(scale**2), np.finfo(float).tiny)
+    return tracing.array(fit[: system.n_u])
 
 
-@jax.jit
 def held(system: System, u: Array, z_u: Array) -> Array:
     """The offset (n_dof,) with which the unknowns z_u stand for exactly the displacements u (n_dof,)."""
-    return u - system.tie_scale * z_u[system.tie_index] if system.n_u else u
+    index, scale, u, z_u = (tracing.known(x) for x in (system.tie_index, system.tie_scale, u, z_u))
+    return tracing.array(u - scale * z_u[index] if system.n_u else u)
 
 
 def _changing_loads(
@@ -287,7 +289,7 @@ def _changing_loads(
     if checks.same_structure(old, new):  # the same loads with other values
         surfaces, after = surface.build(scene.mesh, (*scene.springs, *new))
         return surfaces, surface.build(scene.mesh, (*scene.springs, *old))[1], after
-    faded, unborn = (jax.tree.map(lambda x: 0.0 * jnp.asarray(x, dtype=float), c) for c in (old, new))
+    faded, unborn = (jax.tree.map(lambda x: 0.0 * tracing.known(x), c) for c in (old, new))
     surfaces, after = surface.build(scene.mesh, (*scene.springs, *faded, *new))
     return surfaces, surface.build(scene.mesh, (*scene.springs, *old, *unborn))[1], after
 
@@ -298,7 +300,7 @@ def _check_start(scene: Scene, state: State, name: str) -> None:
     if state.scene is not scene:
         raise ValueError(f"{name} must be a state of the same scene")
     # In NumPy: inside jit JAX's own comparison would be traced, though the state is not.
-    if not checks.is_traced(state.status) and not np.all(np.asarray(state.status) == Status.CONVERGED):
+    if not tracing.is_traced(state.status) and not np.all(np.asarray(state.status) == Status.CONVERGED):
         raise ValueError(f"{name} is not converged: {state.message}")
 
 
@@ -327,33 +329,36 @@ def _solve(
     *,
     from_rest: bool,
 ) -> State:
-    s = follow(system, z, start, end, valid, jnp.array(from_rest), settings)
-    state = as_state(scene, _fixed(system, s.status != Status.CONVERGED), s, tuple(conditions))
-    if throw and not checks.is_traced(s.status) and not bool(state.converged):
+    s = follow(system, z, start, end, valid, tracing.array(np.bool_(from_rest)), settings)
+    state = as_state(scene, _fixed(system, s.status), s, tuple(conditions))
+    if throw and not tracing.is_traced(s.status) and not bool(state.converged):
         raise SolveError(lambda: state.message + constraints.at_failure(system, s.z, s.inputs), state)
     return state
 
 
-def _fixed(system: System, where: Array) -> System:
+def _unless_failed(status: Array, *origins: State) -> Array:
+    """The status of a state, or that of the last of its origins that failed: under jit nothing stops at one."""
+    for origin in origins:
+        if tracing.is_traced(origin.status):
+            status = jnp.where(origin.converged, status, origin.status)
+    return status
+
+
+def _fixed(system: System, status: Array) -> System:
     """The system, without derivatives by nodes and fibres where a solve failed."""
 
     def fixed(x: Any) -> Any:
-        moves = checks.is_traced(x) and jnp.issubdtype(x.dtype, jnp.inexact)
-        return jnp.where(where, jax.lax.stop_gradient(x), x) if moves else x
+        moves = tracing.is_traced(x) and jnp.issubdtype(x.dtype, jnp.inexact)
+        return jnp.where(status != Status.CONVERGED, jax.lax.stop_gradient(x), x) if moves else x
 
     return jax.tree.map(fixed, system) if system.own_geometry else system
 
 
-@jax.jit
-def _multipliers(system: System, z: Array) -> tuple[Array, Array, Array]:
-    """The parts p, q and cavity pressures of the unknowns z."""
-    p, q = system.n_u + system.n_p, system.n_u + system.n_p + system.n_q
-    return z[system.n_u : p], z[p:q], z[q:]
-
-
 def as_state(scene: Scene, system: System, s: continuation.Solution, conditions: tuple[Load | Spring, ...]) -> State:
     """The end of a path as a state."""
-    p, q, in_cavities = _multipliers(system, s.z)
+    z = tracing.known(s.z)
+    to_p, to_q = system.n_u + system.n_p, system.n_u + system.n_p + system.n_q
+    p, q, in_cavities = (tracing.array(part) for part in (z[system.n_u : to_p], z[to_p:to_q], z[to_q:]))
     return State(
         scene=scene,
         system=system,

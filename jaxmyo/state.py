@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks, ellipticity, lagrangian, outputs, surface
+from jaxmyo import checks, ellipticity, lagrangian, outputs, surface, tracing
 from jaxmyo.conditions import Load, Spring
 from jaxmyo.scene import Scene
 from jaxmyo.status import Status, explain
@@ -89,9 +89,9 @@ class State:
     solver: str = field(metadata={"static": True})
 
     @property
-    def converged(self) -> Array:
+    def converged(self) -> Any:
         """Whether the whole load was reached and the residual is below the tolerance."""
-        return self.status == Status.CONVERGED
+        return tracing.known(self.status) == Status.CONVERGED
 
     @property
     def message(self) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks
+from jaxmyo import checks, tracing
 from jaxmyo.conditions import BodyForce, Condition, Load, Pressure, Spring, Traction, Volume
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
@@ -119,13 +119,15 @@ def build(mesh: Mesh, loads: Sequence[Load | Spring]) -> tuple[dict[str, NDArray
     that are not finite or of the wrong shape, springs < 0.
     """
     quads: dict[str, list[NDArray[np.int64]]] = {}
-    values: dict[str, list[Array]] = {}
+    values: dict[str, list[Any]] = {}
     for load in loads:
         own = _loaded(mesh, load)
         kind, value = _kind_and_value(load)
         quads.setdefault(kind, []).append(own)
-        values.setdefault(kind, []).append(jnp.broadcast_to(value[None], (len(own), *value.shape)))
-    return {k: np.concatenate(v) for k, v in quads.items()}, {k: jnp.concatenate(v) for k, v in values.items()}
+        each = tracing.known(value)[None]
+        values.setdefault(kind, []).append(tracing.numpy_for(each).broadcast_to(each, (len(own), *value.shape)))
+    of_kinds = {k: tracing.floats(tracing.numpy_for(v).concatenate(v)) for k, v in values.items()}
+    return {k: np.concatenate(v) for k, v in quads.items()}, of_kinds
 
 
 def values(mesh: Mesh, conditions: Sequence[Load | Spring], loads: Mapping[str, Array]) -> list[str]:
@@ -143,10 +145,10 @@ def values(mesh: Mesh, conditions: Sequence[Load | Spring], loads: Mapping[str, 
     return found[::-1]
 
 
-def springs_are_valid(loads: Mapping[str, Array]) -> Array:
-    """Whether no spring has a negative stiffness, as a traced boolean."""
-    stiffness = [jnp.all(v >= 0.0) for kind, v in loads.items() if kind in ("spring", "normal spring")]
-    return jnp.all(jnp.stack([jnp.array(True), *stiffness]))
+def springs_are_valid(loads: Mapping[str, Array]) -> Any:
+    """Whether no spring has a negative stiffness, as a flag that may be traced."""
+    stiffness = [v for kind, v in loads.items() if kind in ("spring", "normal spring")]
+    return tracing.every(True, *((tracing.known(v) >= 0.0).all() for v in stiffness))
 
 
 def _loaded(mesh: Mesh, load: Load | Spring) -> NDArray[np.int64]:
@@ -164,7 +166,7 @@ def _kind_and_value(load: Load | Spring) -> tuple[str, Array]:
     if isinstance(load, Pressure):
         return checks.choice("ends", load.ends, ["open", "closed"]), _value(load, load.value, (), "kPa")
     stiffness = _value(load, load.stiffness, (), "kPa/mm")
-    if not checks.is_traced(stiffness) and float(stiffness) < 0.0:
+    if not tracing.is_traced(stiffness) and float(stiffness) < 0.0:
         raise ValueError(f"{_name(load)}: stiffness = {load.stiffness} must be ≥ 0 (kPa/mm)")
     kind = checks.choice("direction", load.direction, ["all", "normal"])
     return ("spring" if kind == "all" else "normal spring"), stiffness
@@ -172,10 +174,10 @@ def _kind_and_value(load: Load | Spring) -> tuple[str, Array]:
 
 def _value(load: Load | Spring, value: Any, shape: tuple[int, ...], unit: str) -> Array:
     name = _name(load)
-    array = jnp.asarray(value, dtype=float) if checks.is_traced(value) else checks.concrete(name, value, shape)
+    array = tracing.floats(value if tracing.is_traced(value) else checks.concrete(name, value, shape))
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape} ({unit}); got {array.shape}")
-    return jnp.asarray(array)
+    return array
 
 
 def _name(load: Load | Spring) -> str:
@@ -197,11 +199,12 @@ def cavities(mesh: Mesh, conditions: Sequence[Condition]) -> tuple[tuple[NDArray
                 "whole wall of a cavity, up to caps normal to z and symmetry planes"
             )
         value = condition.value
-        if not checks.is_traced(value) and not float(checks.concrete(name, value, ())) > 0.0:
+        if not tracing.is_traced(value) and not float(checks.concrete(name, value, ())) > 0.0:
             raise ValueError(f"{name}: value = {value} must be > 0 (mm³; {at_rest:.6g} in the zero-stress state)")
         found.append(quads)
-        wanted.append(jnp.asarray(value, dtype=float))
-    return tuple(found), jnp.stack(wanted) if wanted else jnp.zeros(0)
+        wanted.append(value)
+    xp = tracing.numpy_for(wanted)
+    return tuple(found), tracing.floats(xp.stack(wanted) if wanted else [])
 
 
 def enclosed(c: Coordinates, quads: Any, theta: Any) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks
+from jaxmyo import tracing
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape, shape_gradient
@@ -118,7 +118,8 @@ class System:
 
     def displacements(self, z: Array, inputs: Inputs) -> Array:
         """Nodal displacements θ − Θ (n_nodes, 3) [mm, rad] of the unknowns z."""
-        return _displacements(self, z, inputs.offset)
+        offset, z, index, scale = (tracing.known(x) for x in (inputs.offset, z, self.tie_index, self.tie_scale))
+        return tracing.array((offset + scale * z[index] if self.n_u else offset).reshape(-1, 3))
 
     @classmethod
     def of(
@@ -143,7 +144,7 @@ class System:
         if large and like is not None:
             of_body = {name: getattr(like, name) for name in _OF_BODY}
         else:
-            of_body = _of_body(scene, points, checks.is_traced((points, frame, ties.scale)))
+            of_body = _of_body(scene, points, tracing.is_traced((points, frame, ties.scale)))
             of_body |= {"frame": frame, "points": points, "material": scene.material, "cells": mesh.cells}
         columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, of_body)
         n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
@@ -181,13 +182,6 @@ def _of_body(scene: Scene, points: Any, traced: bool) -> dict[str, Any]:
     return {"N": N, "dN": dN, "weight": weight, "theta": theta, "inverse_g": 1.0 / g}
 
 
-@jax.jit
-def _displacements(system: System, z: Array, offset: Array) -> Array:
-    if not system.n_u:
-        return offset.reshape(-1, 3)
-    return (offset + system.tie_scale * z[system.tie_index]).reshape(-1, 3)
-
-
 def _inverse(xp: Any, A: Any) -> tuple[Any, Any]:
     """The inverses and the determinants of matrices (..., 3, 3), by cofactors: LAPACK takes ten times as long."""
     x, y, z = A[..., 0, :], A[..., 1, :], A[..., 2, :]
@@ -198,7 +192,7 @@ def _inverse(xp: Any, A: Any) -> tuple[Any, Any]:
 
 def _at_points(function: Any, theta: Any) -> Any:
     """A function of θ (3,) at the points (n_elements, n_points, 3), in NumPy where they are not traced."""
-    if checks.is_traced(theta):
+    if tracing.is_traced(theta):
         return jax.vmap(jax.vmap(function))(theta)
     found = evaluate(function, theta.reshape(-1, 3))
     return found.reshape(*theta.shape[:2], *found.shape[1:])
@@ -219,7 +213,7 @@ def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any,
     for e, own in enumerate(lists):
         unknowns[e, : len(own)] = own
         here[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = 1.0
-    xp = jnp if checks.is_traced((dN, theta, ties.scale)) else np
+    xp = jnp if tracing.is_traced((dN, theta, ties.scale)) else np
     slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
     # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
     columns = xp.einsum("egaj,eail->egijl", dN, slots)

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxmyo import checks, surface
+from jaxmyo import checks, surface, tracing
 from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, Shear, Spring, Stretch, Tie, Uniform
 from jaxmyo.coordinates import Coordinates, evaluate
 from jaxmyo.mesh import Mesh
@@ -66,11 +66,11 @@ def build(mesh: Mesh, conditions: Sequence[Tie], points: Any = None) -> Ties:
             group[np.isin(group, group[dofs])] = group[dofs].min()
     fixed = [c for c in conditions if isinstance(c, Displacement | Stretch)]
     owner, asked_of = np.full(n_dof, -1), np.ones(n_dof)  # which condition prescribes a group, at nodes of which scale
-    offset = jnp.zeros(n_dof)
+    offset: Any = np.zeros(n_dof)
     for k, f in enumerate(fixed):
         dofs = _dofs(mesh, f.face if isinstance(f, Displacement) else f"{f.axis}1", f.axis)
         value = _value(mesh, f, at)
-        if checks.is_traced(value) or float(value) != 0.0:
+        if tracing.is_traced(value) or float(value) != 0.0:
             if (scale[dofs] == 0.0).any():
                 raise ValueError(f"{f} contradicts another tie, which does not move that face along {f.axis}")
             if np.ptp(scale[dofs]) > 1e-12 * np.abs(scale[dofs]).max():
@@ -86,7 +86,8 @@ def build(mesh: Mesh, conditions: Sequence[Tie], points: Any = None) -> Ties:
         one[group[dofs]] = dofs
         moved = np.isin(group, group[dofs])
         # What one unit of the condition does to each displacement of these groups.
-        offset = offset + jnp.asarray(xp.where(moved, actual / xp.where(moved, actual[one[group]], 1.0), 0.0)) * value
+        offset = offset + xp.where(moved, actual / xp.where(moved, actual[one[group]], 1.0), 0.0) * value
+    offset = tracing.floats(offset)
     for s in conditions:
         if isinstance(s, Shear):
             offset = offset.at[mesh.axis(s.axis) :: 3].add(_shear(mesh, s) * jnp.asarray(at[:, mesh.axis(s.to)]))
@@ -118,7 +119,7 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
         strained = (at_nodes[mesh.cells].mean(axis=1) * g[:, :, None] - along).reshape(-1, 6)
         blocked.append(np.where(np.abs(strained).max(axis=0) > 0.3, strained, 0.0))
     for spring in springs:
-        if not checks.is_traced(spring.stiffness) and float(np.asarray(spring.stiffness)) == 0.0:
+        if not tracing.is_traced(spring.stiffness) and float(np.asarray(spring.stiffness)) == 0.0:
             continue
         quads = mesh.points[mesh.face(spring.face)]
         at, normals = evaluate(_normals_of(c), quads).swapaxes(0, 1).reshape(2, -1, 3)
@@ -136,7 +137,11 @@ def rigid_motions(mesh: Mesh, ties: Ties, springs: Sequence[Spring]) -> list[str
 @lru_cache
 def _normals_of(c: Coordinates) -> Callable[[Any], Array]:
     """One function per system of coordinates, which is compiled once."""
-    return lambda quad: jnp.stack(surface.normals(c, quad))
+
+    def normals(quad: Any) -> Array:
+        return jnp.stack(surface.normals(c, quad))
+
+    return normals
 
 
 def rigid_unknowns(
@@ -204,17 +209,17 @@ def _dofs(mesh: Mesh, face: str, axis: str) -> NDArray[np.int64]:
     return 3 * np.unique(mesh.face(face)) + component
 
 
-def _value(mesh: Mesh, c: Displacement | Stretch, points: Any) -> Array:
+def _value(mesh: Mesh, c: Displacement | Stretch, points: Any) -> Any:
     if isinstance(c, Stretch):
         # Means over the nodes at both ends, which are all the same until the nodes are moved.
         along, at_rest = points[:, mesh.axis(c.axis)], mesh.points[:, mesh.axis(c.axis)]
         close = 1e-9 * np.ptp(at_rest)
         length = along[at_rest >= at_rest.max() - close].mean() - along[at_rest <= at_rest.min() + close].mean()
-        return (checks.scalar(f"Stretch({c.axis!r})", c.value, "stretch") - 1.0) * length
+        return (tracing.known(checks.scalar(f"Stretch({c.axis!r})", c.value, "stretch")) - 1.0) * length
     name = f"Displacement({c.face!r}, {c.axis!r})"
     if jnp.ndim(c.value) != 0:
         raise ValueError(f"{name}: value must be a scalar (mm, rad); got shape {jnp.shape(c.value)}")
-    return checks.finite_tree(name, c.value)
+    return tracing.known(checks.finite_tree(name, c.value))
 
 
 def _shear(mesh: Mesh, s: Shear) -> Array:
@@ -228,4 +233,4 @@ def _shear(mesh: Mesh, s: Shear) -> Array:
 
 
 def _same(a: Array, b: Array) -> bool:
-    return not checks.is_traced((a, b)) and bool(a == b)
+    return not tracing.is_traced((a, b)) and bool(a == b)

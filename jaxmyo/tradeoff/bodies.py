@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmyo import checks, conditions, patches
+from jaxmyo import conditions, patches, tracing
 from jaxmyo.constants import TABLE1
 from jaxmyo.invariants import I1, I4
 from jaxmyo.mesh import box
@@ -103,7 +103,7 @@ def _solve_tube(scene: Scene, T0: Any, settings: Settings, pressure: float = _PR
 
 def _loaded(A: State, *given: Any, settings: Settings) -> State:
     """State C of an A that converged, or A itself, whose status says what happened."""
-    follows = checks.is_traced(A.status) or bool(A.converged)
+    follows = tracing.is_traced(A.status) or bool(A.converged)
     return load(A, *given, settings=settings, throw=False) if follows else A
 
 
