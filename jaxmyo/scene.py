@@ -90,7 +90,11 @@ class Scene:
         xi, _ = gauss(*self.orders)
         object.__setattr__(self, "frame", fibres.frame(self.mesh, xi, self.fibre, self.cross))
         self._set_materials()
-        self.kinematics(())
+        if free := ties.rigid_motions(self.mesh, self.kinematics(()), self.springs):
+            raise ValueError(
+                f"supports = {self.supports} leave a rigid motion free: {', '.join(free)}. "
+                "Add Symmetry planes, Displacement conditions or springs until none is left."
+            )
 
     def _set_materials(self) -> None:
         material = np.zeros(len(self.mesh.cells), dtype=np.int64)
@@ -133,23 +137,14 @@ class Scene:
         return tuple(s for s in self.supports if isinstance(s, Spring))
 
     def kinematics(self, conditions: tuple[Tie | Spring, ...], points: Any = None) -> ties.Ties:
-        """The ties of the supports and of further conditions; an error if a rigid motion stays free.
+        """The ties of the supports and of further conditions, which hold the body as well as the supports alone.
 
         A prescribed displacement takes the place of a support of the same face and axis: it moves that support.
         points: (n_nodes, 3) instead of the mesh's.
         """
         moved = {(c.face, c.axis) for c in conditions if isinstance(c, Displacement)}
         stay = [s for s in self.supports if not (isinstance(s, Displacement) and (s.face, s.axis) in moved)]
-        every = (*stay, *conditions)
-        built = ties.build(self.mesh, [c for c in every if not isinstance(c, Spring)], points)
-        if points is not None:
-            return built  # the mesh's own were looked at when the scene was made
-        if free := ties.rigid_motions(self.mesh, built, [c for c in every if isinstance(c, Spring)]):
-            raise ValueError(
-                f"supports = {self.supports} leave a rigid motion free: {', '.join(free)}. "
-                "Add Symmetry planes, Displacement conditions or springs until none is left."
-            )
-        return built
+        return ties.build(self.mesh, [c for c in (*stay, *conditions) if not isinstance(c, Spring)], points)
 
     def __str__(self) -> str:
         from jaxmyo.describe import describe  # it needs the scene's type
