@@ -171,6 +171,10 @@ def test_random_solids() -> None:
     assert np.nanmax(found.error_A) < 1e-9
     assert np.nanmax(found.error_C) < 1e-9
     assert not (found.off > 1e-5).any()  # NaN where the branch is not known
+    for apart, state in ((found.apart_A, found.A), (found.apart_C, found.C)):
+        converged = state.status == jm.Status.CONVERGED
+        assert np.isfinite(apart).sum() >= 0.98 * converged.sum()
+        assert np.nanmax(apart) < 1e-8
     assert np.isfinite(found.A.u).all()
     assert np.isfinite(found.C.u).all()
 

@@ -63,6 +63,10 @@ def _solids(s: SolidOutcome) -> dict[str, Any]:
         "largest_residual": {k: float(np.nanmax(e, initial=0.0)) for k, e in (("A", s.error_A), ("C", s.error_C))},
         "known": int(np.isfinite(s.off).sum()),
         "wrong": int((s.off > SAME).sum()),
+        "by_finer_steps": {
+            k: {"known": int(np.isfinite(a).sum()), "elsewhere": int((a > SAME).sum())}
+            for k, a in (("A", s.apart_A), ("C", s.apart_C))
+        },
     }
 
 
@@ -84,6 +88,10 @@ def in_words(found: dict[str, Any]) -> list[str]:
             )
     if s := found["solids"]:
         lines.append(f"solids: A {s['A']}, C {s['C']}; largest residuals {s['largest_residual']}; {s['wrong']} wrong")
+        finer = ", ".join(
+            f"{x['elsewhere']} of {x['known']} states {k} elsewhere" for k, x in s["by_finer_steps"].items()
+        )
+        lines.append(f"solids, by paths of steps a sixth as long: {finer}")
     lines += [f"map {name}: {100.0 * m['converged']:.1f} % converge" for name, m in found["maps"].items()]
     return lines
 

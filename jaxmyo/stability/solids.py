@@ -4,8 +4,9 @@ Whether what the package finds is an equilibrium is told by element forces writt
 
     S = 2 W1 I + (2 W4 + (βT0 + T_f)/I4 − q h4) f⊗f + (T_cf/I6 − q h6) f⊥⊗f⊥ − p I3 C⁻¹,    f_a = ∫ F S ∇N_a dV.
 
-Where fibres are straight the deformation is that of the thin sample, whatever the mesh: there `reference` tells which
-branch it has to be. h4 and h6 are the derivatives of h by I4 and I6.
+h4 and h6 are the derivatives of h by I4 and I6. Where fibres are straight the deformation is that of the thin sample,
+whatever the mesh: there `reference` tells which branch it has to be. Everywhere a path from rest of steps a sixth as
+long, `FINER`, has to come to the same states.
 """
 
 from functools import cache
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 from jaxmyo.compiler import LONG
 from jaxmyo.conditions import Stretch
 from jaxmyo.constants import LinYin
+from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.scenes import thin_sample
-from jaxmyo.solve import contract, load
+from jaxmyo.solve import DEFAULT, contract, load
 from jaxmyo.stability.independent import PI_2, Array
 from jaxmyo.stability.problems import Problems, draw
 from jaxmyo.stability.random_problems import body_of, branch_A, muscle_of
@@ -29,6 +31,8 @@ from jaxmyo.state import State
 from jaxmyo.status import Status
 
 ELEMENTS = (2, 2, 1)
+
+FINER = Settings(move=0.05, max_steps=2000)
 
 
 class Solids(NamedTuple):
@@ -82,25 +86,26 @@ def draw_solids(n: int, seed: int) -> Solids:
     return Solids(problems, points, np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1))
 
 
-def solve_solids(solids: Solids) -> tuple[Solid, Solid]:
-    """The states A and C of the package, with the weave."""
-    A, C = jax.tree.map(np.asarray, _program()(solids))
+def solve_solids(solids: Solids, settings: Settings = DEFAULT) -> tuple[Solid, Solid]:
+    """The states A and C of the package, with the weave; of the settings, move and max_steps count."""
+    A, C = jax.tree.map(np.asarray, _program()(solids, np.float64(settings.move), settings.max_steps))
     return A, C
 
 
 @cache
 def _program() -> Any:
-    def one(x: Solids) -> tuple[Solid, Solid]:
+    def one(x: Solids, move: Any, max_steps: Any) -> tuple[Solid, Solid]:
         at = x.problems
         f = x.fibre
         cross = jax.numpy.stack([-f[:, 1], f[:, 0], f[:, 2]], axis=-1)
         constants = LinYin(*(at.constants[k] for k in range(8)))
         how: Any = {"T0": at.T0, "a_over_D": at.a_over_D, "beta": at.beta, "constants": constants}
-        A = contract(scene(), **how, points=x.points, fibre=f, cross=cross, throw=False)
-        C = load(A, Stretch("x", at.target[0]), Stretch("y", at.target[1]), throw=False)
+        path: Any = {"settings": Settings(move=move, max_steps=max_steps), "throw": False}
+        A = contract(scene(), **how, points=x.points, fibre=f, cross=cross, **path)
+        C = load(A, Stretch("x", at.target[0]), Stretch("y", at.target[1]), **path)
         return _solid(A), _solid(C)
 
-    return jax.jit(jax.vmap(one), compiler_options=LONG)
+    return jax.jit(jax.vmap(one, in_axes=(0, None, None)), compiler_options=LONG)
 
 
 def _solid(state: State) -> Any:
@@ -177,7 +182,9 @@ def stretches(solids: Solids, state: Solid) -> Array:
 class SolidOutcome(NamedTuple):
     """A batch of solids, solved and verified. error_A, error_C: (n,) `residual`, NaN where not converged.
 
-    straight: (n,) fibres along x; off: (n,) the largest difference of a stretch of A from the reference where straight.
+    straight: (n,) fibres along x; off: (n,) the largest difference of a stretch of A from the reference where straight;
+    apart_A, apart_C: (n,) the largest difference of a displacement, over the extent of the slab, from the state that a
+    finer path comes to, NaN where one of the two came to none.
     """
 
     solids: Solids
@@ -187,6 +194,8 @@ class SolidOutcome(NamedTuple):
     error_C: Array
     straight: NDArray[np.bool_]
     off: Array
+    apart_A: Array
+    apart_C: Array
 
 
 def solid_outcome(n: int, seed: int) -> SolidOutcome:
@@ -204,4 +213,13 @@ def solid_outcome(n: int, seed: int) -> SolidOutcome:
     straight = np.all(solids.fibre[:, :, 1] == 0.0, axis=1)
     known = straight & good_A & (branch.end == End.REACHED)
     error_A, error_C = np.where(good_A, error_A, np.nan), np.where(good_C, error_C, np.nan)
-    return SolidOutcome(solids, A, C, error_A, error_C, straight, np.where(known, off, np.nan))
+    finer_A, finer_C = solve_solids(solids, FINER)
+    apart = _apart(solids, A, finer_A), _apart(solids, C, finer_C)
+    return SolidOutcome(solids, A, C, error_A, error_C, straight, np.where(known, off, np.nan), *apart)
+
+
+def _apart(solids: Solids, one: Solid, other: Solid) -> Array:
+    """(n,) [–]: the largest difference of a displacement over the extent of the slab, NaN where one has none."""
+    off = np.abs(one.u - other.u) / np.ptp(solids.points, axis=1)[:, None]
+    good = (one.status == Status.CONVERGED) & (other.status == Status.CONVERGED)
+    return np.where(good, off.max(axis=(1, 2)), np.nan)
