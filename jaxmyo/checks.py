@@ -73,15 +73,16 @@ def finite_tree(name: str, tree: Any) -> Any:
     """A pytree of finite float64 arrays; the message names the leaf that is not."""
 
     def check(path: Any, leaf: Any) -> Array:
-        if not is_traced(leaf):
-            full = name + jax.tree_util.keystr(path)
-            try:
-                array = np.asarray(leaf, dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise TypeError(f"{full} must be a number or an array of numbers; got {leaf!r}") from error
-            if not np.isfinite(array).all():
-                raise ValueError(f"{full} must be finite; got {leaf}")
-        return floats(leaf)
+        if is_traced(leaf):
+            return floats(leaf)
+        full = name + jax.tree_util.keystr(path)
+        try:
+            array = np.asarray(leaf, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"{full} must be a number or an array of numbers; got {leaf!r}") from error
+        if not np.isfinite(array).all():
+            raise ValueError(f"{full} must be finite; got {leaf}")
+        return floats(array)
 
     return jax.tree_util.tree_map_with_path(check, tree)
 

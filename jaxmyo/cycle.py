@@ -233,7 +233,7 @@ def _run_kept(problem: _Problem, settings: Settings, path: Path, own: dict[str, 
 
 def _stack(*values: ArrayLike) -> Any:
     """The values of all times, in NumPy unless one is traced."""
-    xp = jnp if tracing.is_traced(values) else np
+    xp = tracing.numpy_for(values)
     return xp.stack([xp.asarray(v, dtype=float) for v in values])
 
 

@@ -23,7 +23,7 @@ from jaxmyo.sparse import Sparse
 from jaxmyo.state import State
 from jaxmyo.status import SolveError, Status
 from jaxmyo.system import Geometry, Inputs, System
-from jaxmyo.ties import Ties
+from jaxmyo.ties import Ties, projected
 
 DEFAULT = Settings()
 
@@ -265,15 +265,10 @@ def _is_large(ties: Ties, *inputs: Any) -> bool:
 
 def unknowns(system: System, u: Array, offset: Array) -> Array:
     """The unknown displacements (n_u,) that fit u (n_dof,) best: a mean over tied nodes."""
-    index, scale, u, offset = (tracing.known(x) for x in (system.tie_index, system.tie_scale, u, offset))
-    xp, size = tracing.numpy_for(scale, u, offset), max(system.n_u, 1)
-
-    def collected(x: Any) -> Any:
-        return np.bincount(index, x, size) if xp is np else jnp.zeros(size).at[index].add(x)
-
+    u, offset = tracing.known(u), tracing.known(offset)
+    xp = tracing.numpy_for(u, offset)
     free = u - xp.where(xp.isfinite(offset), offset, 0.0)
-    fit = collected(scale * free) / xp.maximum(collected(scale**2), np.finfo(float).tiny)
-    return tracing.array(fit[: system.n_u])
+    return tracing.array(projected(free[:, None], system.tie_index, system.tie_scale, system.n_u)[: system.n_u, 0])
 
 
 def held(system: System, u: Array, z_u: Array) -> Array:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
@@ -144,7 +143,7 @@ class System:
         if large and like is not None:
             of_body = {name: getattr(like, name) for name in _OF_BODY}
         else:
-            of_body = _of_body(scene, points, tracing.is_traced((points, frame, ties.scale)))
+            of_body = _of_body(tracing.numpy_for(points, frame, ties.scale), scene, points)
             of_body |= {"frame": frame, "points": points, "material": scene.material, "cells": mesh.cells}
         columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, of_body)
         n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
@@ -168,9 +167,9 @@ class System:
 _OF_BODY = ("N", "dN", "weight", "theta", "inverse_g", "frame", "points", "material", "cells")
 
 
-def _of_body(scene: Scene, points: Any, traced: bool) -> dict[str, Any]:
+def _of_body(xp: Any, scene: Scene, points: Any) -> dict[str, Any]:
     """N, dN, weight, θ and 1/g(θ) at the Gauss points, see `System`; points: (n_nodes, 3)."""
-    xp, coordinates = jnp if traced else np, scene.mesh.coordinates
+    coordinates = scene.mesh.coordinates
     xi, w = gauss(*scene.orders)
     N, dxi = shape(xi), shape_gradient(xi)
     nodes = points[scene.mesh.cells]
@@ -213,7 +212,7 @@ def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any,
     for e, own in enumerate(lists):
         unknowns[e, : len(own)] = own
         here[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = 1.0
-    xp = jnp if tracing.is_traced((dN, theta, ties.scale)) else np
+    xp = tracing.numpy_for(dN, theta, ties.scale)
     slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
     # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
     columns = xp.einsum("egaj,eail->egijl", dN, slots)

@@ -164,13 +164,17 @@ def _rigid(
     return basis @ motions, evaluate(c.g, theta)
 
 
-def projected(
-    motions: NDArray[np.float64], index: NDArray[np.int64], scale: NDArray[np.float64], size: int
-) -> NDArray[np.float64]:
+def projected(motions: Any, index: Any, scale: Any, size: int) -> Any:
     """The unknowns (size, k) that come closest to motions (n_dof, k): a sum over what hangs on each unknown."""
-    norm = np.bincount(index, scale**2, minlength=max(size, 1))
-    norm[norm == 0.0] = 1.0
-    return np.stack([np.bincount(index, scale * m, minlength=len(norm)) / norm for m in motions.T], axis=1)
+    index, scale, motions = (tracing.known(x) for x in (index, scale, motions))
+    xp, length = tracing.numpy_for(index, scale, motions), max(size, 1)
+
+    def collected(x: Any) -> Any:
+        return np.bincount(index, x, length) if xp is np else jnp.zeros(length).at[index].add(x)
+
+    norm = collected(scale**2)
+    norm = xp.where(norm == 0.0, 1.0, norm)
+    return xp.stack([collected(scale * m) / norm for m in motions.T], axis=1)
 
 
 def _conjugate(along: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from jaxmyo import tracing
 
 
 @pytest.fixture
-def compiled(caplog: pytest.LogCaptureFixture) -> Iterator[list[str]]:
+def compiled() -> Iterator[list[str]]:
     """The names of the programs that are compiled in a test."""
     names: list[str] = []
 

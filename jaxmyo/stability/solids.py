@@ -32,7 +32,7 @@ from jaxmyo.status import Status
 
 ELEMENTS = (2, 2, 1)
 
-FINER = Settings(move=0.05, max_steps=2000)
+FINER: Any = {"move": 0.05, "max_steps": 2000}
 
 
 class Solids(NamedTuple):
@@ -86,9 +86,9 @@ def draw_solids(n: int, seed: int) -> Solids:
     return Solids(problems, points, np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1))
 
 
-def solve_solids(solids: Solids, settings: Settings = DEFAULT) -> tuple[Solid, Solid]:
-    """The states A and C of the package, with the weave; of the settings, move and max_steps count."""
-    A, C = jax.tree.map(np.asarray, _program()(solids, np.float64(settings.move), settings.max_steps))
+def solve_solids(solids: Solids, move: float = DEFAULT.move, max_steps: int = DEFAULT.max_steps) -> tuple[Solid, Solid]:
+    """The states A and C of the package, with the weave; move, max_steps: as in `Settings`."""
+    A, C = jax.tree.map(np.asarray, _program()(solids, np.float64(move), max_steps))
     return A, C
 
 
@@ -213,7 +213,7 @@ def solid_outcome(n: int, seed: int) -> SolidOutcome:
     straight = np.all(solids.fibre[:, :, 1] == 0.0, axis=1)
     known = straight & good_A & (branch.end == End.REACHED)
     error_A, error_C = np.where(good_A, error_A, np.nan), np.where(good_C, error_C, np.nan)
-    finer_A, finer_C = solve_solids(solids, FINER)
+    finer_A, finer_C = solve_solids(solids, **FINER)
     apart = _apart(solids, A, finer_A), _apart(solids, C, finer_C)
     return SolidOutcome(solids, A, C, error_A, error_C, straight, np.where(known, off, np.nan), *apart)
 
