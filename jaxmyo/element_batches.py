@@ -133,6 +133,11 @@ def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
 
 def _assembled(system: System, e: _Elements, x: Array) -> Array:
     """The sum (n,) or (n, n)[, bodies] of what elements have, (unknowns, e) or (unknowns, unknowns, e)[, bodies]."""
+    if len(system.cells) == 1:  # it feels all unknowns, in their order; a scatter is a loop over them
+        axes = x.ndim - e.local.ndim + 1
+        whole = jnp.sum(x, axis=axes)
+        beyond = system.size - len(whole)
+        return jnp.pad(whole, [(0, beyond)] * axes + [(0, 0)] * (whole.ndim - axes)) if beyond else whole
     local = e.local.reshape(e.local.shape[:2])  # the same in all bodies
     bodies = x.shape[-(e.local.ndim - 2) :] if e.local.ndim > 2 else ()
     axes = x.ndim - len(bodies) - 1
@@ -170,7 +175,8 @@ def _terms(system: System, e: _Elements) -> tuple[Array, Array, Array]:
     half = once(total(by_yy[:, :, i, k, None] * e.columns[None, None, i, k] for i, k in pairs))  # i k b
     by_uu = once(total(e.columns[i, k, :, None, g] * half[i, k, None, :, g] for i, k, g in each))
     by_um = once(total(e.columns[i, k, :, None, g] * by_ym[i, k, None, :, g] for i, k, g in each))
-    by_mm = total(by_cc[6:, 6:, g] for g in range(n_g))
+    of_pair = points.pair(len(c))
+    by_mm = total(by_cc[:, g][of_pair[6:, 6:]] for g in range(n_g))
     upper = jnp.concatenate([by_uu, by_um], axis=1)
     lower = jnp.concatenate([jnp.swapaxes(by_um, 0, 1), by_mm], axis=1)
     return _first(e, by_y, by_c), jnp.concatenate([upper, lower]), points.least_J(system.coordinates, at)

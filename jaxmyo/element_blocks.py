@@ -138,7 +138,7 @@ def _of_points(system: System, e: Elements, inputs: Inputs, u: Array, m: Array) 
 
     K = once(jnp.concatenate([of_rows(a).reshape(-1, half.shape[-1]) for a in range(0, 8, _ROWS)]))
     B = once(total(G[:, None, n, None, g] * by_ym[None, :, n, :, g] for n in of for g in each))
-    D = jnp.stack([jnp.sum(by_cc[6 + n, 6 + n], axis=0) for n in range(system.multipliers)])
+    D = jnp.sum(by_cc[np.diagonal(points.pair(len(c)))[6:]], axis=1)
     r, r_m = _at_nodes(system, e, by_y), jnp.sum(by_c[6:], axis=1)
     J = jnp.min(points.least_J(system.coordinates, at))
     return r, K, B.reshape(24, *B.shape[2:]), D, r_m, J

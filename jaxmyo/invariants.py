@@ -24,12 +24,18 @@ def I3(C: Array) -> Array:
 
 def I4(C: Array, frame: Array) -> Array:
     """Squared fibre stretch f · C f = λf² [–]."""
-    return frame[0] @ C @ frame[0]
+    return _along(frame[0], C)
 
 
 def I6(C: Array, frame: Array) -> Array:
     """Squared cross-fibre stretch f⊥ · C f⊥ = λcf² [–]."""
-    return frame[1] @ C @ frame[1]
+    return _along(frame[1], C)
+
+
+def _along(a: Array, C: Array) -> Array:
+    """a · C a, written out: XLA would call a library for a product of matrices, at every point."""
+    Ca = [C[i, 0] * a[0] + C[i, 1] * a[1] + C[i, 2] * a[2] for i in range(3)]
+    return a[0] * Ca[0] + a[1] * Ca[1] + a[2] * Ca[2]
 
 
 def weave_h(i4: Array, i6: Array, a_over_D: float | Array) -> Array:

@@ -8,12 +8,14 @@ small matrices take several times as long.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from jaxmyo.coordinates import Coordinates
 from jaxmyo.lagrangian import density
@@ -89,10 +91,29 @@ def by_c(system: System, c: Array, place: Place, weight: Array) -> Array:
 
 
 def by_c_twice(system: System, c: Array, place: Place, weight: Array) -> tuple[Array, Array]:
-    """As `by_c`, and the second derivatives (7 or 8, 7 or 8, *lanes)."""
+    """As `by_c`, and the second derivatives, of each `pair` once (28 or 36, *lanes)."""
+    i, j = np.triu_indices(len(c))
+    unit = jnp.eye(len(c), dtype=c.dtype)
+
     first = _derivative(system)
-    by_c, by_cc = everywhere(lambda *at: (first(*at), jax.jacfwd(first)(*at)), c.ndim - 1, c, place)
-    return once(by_c * weight[None]), once(by_cc * weight[None, None])
+
+    def twice(c: Array, at: Place) -> tuple[Array, Array]:
+        def along(a: Array, b: Array) -> Array:
+            return jax.jvp(lambda c: jax.jvp(lambda c: density(system, c, *at), (c,), (a,))[1], (c,), (b,))[1]
+
+        return first(c, at), jax.vmap(along)(unit[i], unit[j])
+
+    by_c, by_cc = everywhere(twice, c.ndim - 1, c, place)
+    return once(by_c * weight[None]), once(by_cc * weight[None])
+
+
+@cache
+def pair(n: int) -> NDArray[np.int32]:
+    """(n, n): where the derivative by two components of c stands among those of `by_c_twice`."""
+    i, j = np.triu_indices(n)
+    pair = np.zeros((n, n), "int32")
+    pair[i, j] = pair[j, i] = np.arange(len(i))
+    return pair
 
 
 def by_y(at: Points, by_c: Array) -> Array:
@@ -103,16 +124,16 @@ def by_y(at: Points, by_c: Array) -> Array:
 
 def by_y_twice(c: Coordinates, at: Points, by_c: Array, by_cc: Array) -> tuple[Array, Array, Array]:
     """As `by_y`; twice (3, 3 or 4, 3, 3 or 4, *lanes); by y and the multipliers (3, 3 or 4, multipliers, *lanes)."""
-    twice = constant(_TWICE, at.lanes)
+    twice, pairs = constant(_TWICE, at.lanes), pair(len(by_c))
     S = once(by_c[_VOIGT] * twice)
     by_F = total(at.F[:, k, None] * S[None, k] for k in range(3))
     # By the components of C and F, then twice by F, in which C is quadratic.
-    by_cF = once(by_cc[:, _VOIGT] * twice[None])
+    by_cF = once(by_cc[pairs[:6, _VOIGT]] * twice[None])
     by_cF = once(total(by_cF[:, k, None] * at.F[None, :, k, None] for k in range(3)))
     by_CF = once(by_cF[_VOIGT] * twice[:, :, None, None])
     by_FF = total(at.F[:, k, None, None, None] * by_CF[None, k] for k in range(3))
     by_FF = once(by_FF + constant(np.eye(3)[:, None, :, None], at.lanes) * S[None, :, None])
-    by_Cm = once(by_cc[:, 6:][_VOIGT] * twice[:, :, None])
+    by_Cm = once(by_cc[pairs[_VOIGT, 6:]] * twice[:, :, None])
     by_Fm = total(at.F[:, k, None, None] * by_Cm[None, k] for k in range(3))
     return _first(at, by_F), *_second(c, at, by_F, by_FF, by_Fm)
 
