@@ -1,14 +1,14 @@
 """How many pairs of states of the thin sample are solved per second, beside a loop over MINPACK's hybrid method.
 
 State A from rest (T0 in [0.1, 60] kPa, a/D in [0, 1/4], β = 1), then state C under its tensions, stretched by 1.2 along
-the fibres and free across them. Ours: the scene's own equations in its tied unknowns, `jax.lax.map` over chunks of a
-batch, a part of the batch in each of as many threads as there are cores, warm, the best of three. Three ways: as drawn;
-ordered by T0, as a chunk takes as long as its slowest pair (the time of ordering included); and ordered, with states on
-the way to 1e-2, longer load steps, and final states to 1e-10. The loop:
+the fibres and free across them. Ours: the scene's own equations in its tied unknowns, `jax.vmap` over a batch, a part
+of it in each of as many threads as there are cores, warm, the best of three. Four ways: with the default settings, and
+with states on the way to 1e-2, longer load steps, and final states to 1e-10; each as drawn, and ordered by T0, as paths
+of like tension take as many steps (the time of ordering included). The loop:
 `scipy.optimize.root(method="hybr")` on the hand-derived equations of `tests/reference.py` in (ln λ1, ln λ2, q) and in
 ln λ2, activated and stretched in as few equal steps, of 1, 2, 5, 10 or 20, as it takes to reach the states.
 
-    python benchmarks/sample_pairs.py [--batch 20000] [--chunk 128] [--loop 200]
+    python benchmarks/sample_pairs.py [--batch 20000] [--loop 200]
 """
 
 import argparse
@@ -27,7 +27,6 @@ import scipy
 import scipy.optimize
 
 import jaxmyo as jm
-from jaxmyo.compiler import LONG
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import reference
@@ -37,31 +36,32 @@ LOOSE = jm.Settings(tolerance=1e-10, path_tolerance=1e-2, move=0.6)
 WAYS = {
     "as drawn": (False, jm.Settings()),
     "ordered by T0": (True, jm.Settings()),
+    "loose path": (False, LOOSE),
     "ordered, loose path": (True, LOOSE),
 }
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def ours(
-    T0: np.ndarray, a_over_D: np.ndarray, chunk: int, ordered: bool, settings: jm.Settings
+    T0: np.ndarray, a_over_D: np.ndarray, ordered: bool, settings: jm.Settings
 ) -> tuple[float, dict[str, np.ndarray]]:
     """Seconds per pair, and the states."""
     sample = jm.thin_sample()
 
-    def pair(at: tuple[Any, Any]) -> dict[str, Any]:
-        A = jm.contract(sample, T0=at[0], a_over_D=at[1], settings=settings, throw=False)
+    @jax.jit
+    @jax.vmap
+    def pairs(T0: Any, a_over_D: Any) -> dict[str, Any]:
+        A = jm.contract(sample, T0=T0, a_over_D=a_over_D, settings=settings, throw=False)
         C = jm.load(A, jm.Stretch("x", STRETCH), settings=settings, throw=False)
         states = {"A": A, "C": C}
         return {name: jnp.stack([getattr(s, name) for s in states.values()]) for name in ("status", "residual")} | {
             f"stretch {key}": jnp.diagonal(s.F[0, 0])[:2] for key, s in states.items()
         }
 
-    program = jax.jit(lambda *at: jax.lax.map(pair, at, batch_size=chunk), compiler_options=LONG)
-
     def all_of_it() -> dict[str, np.ndarray]:
         order = np.argsort(T0) if ordered else np.arange(len(T0))
         parts = [(T0[of_core], a_over_D[of_core]) for of_core in (order[i::CORES] for i in range(CORES))]
-        found = list(pool.map(lambda part: jax.tree.map(np.asarray, program(*part)), parts))
+        found = list(pool.map(lambda part: jax.tree.map(np.asarray, pairs(*part)), parts))
         states = {name: np.empty((len(T0), *part.shape[1:]), part.dtype) for name, part in found[0].items()}
         for i, part in enumerate(found):
             for name in states:
@@ -124,18 +124,17 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--batch", type=int, default=20_000, help="pairs in a batch")
-    parser.add_argument("--chunk", type=int, default=128, help="pairs that are solved together")
     parser.add_argument("--loop", type=int, default=200, help="pairs that the hybrid method is timed on")
     options = parser.parse_args()
     rng = np.random.default_rng(0)
     T0, a_over_D = rng.uniform(0.1, 60.0, options.batch), rng.uniform(0.0, 0.25, options.batch)
     name = f"{platform.processor() or platform.machine()}, {CORES} cores"
     print(f"jax {jax.__version__}, scipy {scipy.__version__}, Python {platform.python_version()}, {name}")
-    print(f"{options.batch} pairs, {options.chunk} together")
+    print(f"{options.batch} pairs")
     each: dict[str, float] = {}
     exact: dict[str, np.ndarray] = {}
     for way, how in WAYS.items():
-        each[way], states = ours(T0, a_over_D, options.chunk, *how)
+        each[way], states = ours(T0, a_over_D, *how)
         exact = exact or states
         good = (states["status"] == jm.Status.CONVERGED).all(axis=1)
         print(f"{way + ':':20} {1.0 / each[way]:7.0f} pairs/s ({1e6 * each[way]:.1f} µs each), ", end="")

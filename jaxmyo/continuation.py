@@ -6,15 +6,16 @@ bounded strain, is cut back where Newton fails or the body jumps, and grows agai
 solution on the branch that starts at rest, which need not be the only equilibrium nor, far along, a stable one.
 """
 
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 from jax import Array
 
-from jaxmyo import control, newton, progress, tracing
+from jaxmyo import control, newton, path_queue, progress, tracing
 from jaxmyo.linear import At, negligible
-from jaxmyo.newton import Linear, Settings
+from jaxmyo.newton import Iterate, Linear, Settings, Target
 from jaxmyo.status import Status
 from jaxmyo.system import Inputs
 
@@ -81,7 +82,7 @@ class _Pace(NamedTuple):
         return xp.where((v_0 > 0.0) & (ratio >= 3.9), (t - t_0) / (ratio - 1.0).clip(1e-30), xp.inf)
 
 
-class _Path(NamedTuple):
+class Path(NamedTuple):
     t: Array  # of the last converged state; −1 before the start is verified
     z: Array
     at: At
@@ -99,6 +100,30 @@ class _Path(NamedTuple):
     iterations: Array
 
 
+class End(NamedTuple):
+    """Where a path ended: its last state, and what was spent; see `Solution`."""
+
+    t: Array
+    z: Array
+    at: At
+    gentle: Array
+    stable: Array
+    status: Array
+    history: Array
+    steps: Array
+    rejected: Array
+    iterations: Array
+
+
+class Step(NamedTuple):
+    """A load step: to t, `taken` from the last state, with a guess of the unknowns there."""
+
+    t: Array
+    taken: Array
+    guess: Array
+    target: Target
+
+
 def between(xp: ModuleType, start: Any, end: Any, fraction: Any) -> Any:
     """The inputs at a fraction of the way; exactly the end at 1."""
     return jax.tree.map(lambda a, b: xp.where(fraction >= 1.0, b, a + fraction * (b - a)), start, end)
@@ -107,6 +132,17 @@ def between(xp: ModuleType, start: Any, end: Any, fraction: Any) -> Any:
 def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
     differ = [xp.any(a != b) for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True)]
     return xp.any(xp.stack(differ))
+
+
+class Task(NamedTuple):
+    """A path: from the unknowns z at the inputs `start` to the inputs `end`, see `follow`."""
+
+    lin: Linear
+    z: Array
+    start: Inputs
+    end: Inputs
+    valid: Array
+    from_rest: Array
 
 
 def follow(
@@ -122,69 +158,114 @@ def follow(
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
     z, start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, start, end))
+    task = Task(lin, z, start, end, valid, from_rest)
+    if tracing.is_traced(z):
+        numbers = {name: getattr(settings, name) for name in newton.NUMBERS}
 
-    def linear_part(gentle: Array) -> Array:
-        return xp.where(gentle, 1e-4, xp.where(from_rest, 0.01, 1.0))
+        def walk(task: Task, numbers: dict[str, Any]) -> Walk:
+            return Walk(task, settings._replace(**numbers), None)
 
-    def fraction(t: Array, gentle: Array) -> Array:
-        c = linear_part(gentle)
-        return xp.where(t >= 1.0, t, c * t + (1.0 - c) * t**3)
+        found = path_queue.followed(walk, task, numbers)
+    else:
+        with progress.Watch(settings.time_limit, settings.progress) as watch:
+            found = path_queue.alone(Walk(task, settings, watch))
+    return _solution(task, found)
 
-    def inputs_at(t: Array, gentle: Array) -> Inputs:
-        return between(xp, start, end, fraction(t, gentle))
 
-    def tangent_of_path(found: newton.Iterate, t: Array, gentle: Array) -> tuple[Array, Array]:
-        """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
-        c = linear_part(gentle)
-        slope = c + 3.0 * (1.0 - c) * t**2  # of `fraction`
-        by_t = jax.tree.map(lambda a, b: slope * (b - a), start, end)
-        rate, speed = lin.rates(found.z, inputs_at(t, gentle), by_t, found.factors)
-        known = xp.all(xp.isfinite(rate)) & (t < 1.0)
-        return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
+@dataclass(frozen=True)
+class Walk:
+    """The steps of a path; watch: of a path outside of JAX's transformations."""
 
-    moves = _differ(xp, start, end)  # else the start, corrected, is the end
-    traced = tracing.is_traced(z)
-    watch = progress.Watch(settings.time_limit, settings.progress)
+    task: Task
+    settings: Settings
+    watch: progress.Watch | None
 
-    def keep_going(path: _Path) -> Array:
-        further = (path.t < 1.0) & (path.steps < settings.max_steps) & (path.dt >= settings.min_step) & valid
-        return further & (traced or not watch.is_over)
+    @property
+    def lin(self) -> Linear:
+        """The linear algebra of the body."""
+        return self.task.lin
 
-    def step(path: _Path) -> _Path:
-        at_start, first_step, gentle = path.t < 0.0, path.t <= 0.0, path.gentle
+    @property
+    def valid(self) -> Array:
+        """Whether all inputs are in their ranges."""
+        return self.task.valid
+
+    def begin(self) -> Path:
+        """Before the start is verified."""
+        xp, z = self.lin.xp, self.task.z
+        none, one = xp.array(0), xp.array(1.0)
+        return Path(
+            t=-one,
+            z=z,
+            at=At.unknown(xp, z, self.lin.nothing()[0]),
+            rate=xp.zeros_like(z),
+            speed=0.0 * one,
+            pace=_Pace((0.0 * one, 0.0 * one), (0.0 * one, 0.0 * one)),
+            sign=0.0 * one,
+            stable=one,
+            dt=one,
+            gentle=xp.array(False),
+            reason=xp.array(Status.SINGULAR),
+            history=xp.zeros(self.settings.max_iterations + 1),
+            steps=none,
+            rejected=none,
+            iterations=none,
+        )
+
+    def goes_on(self, path: Path) -> Array:
+        """Whether there is a step to take."""
+        s = self.settings
+        further = (path.t < 1.0) & (path.steps < s.max_steps) & (path.dt >= s.min_step) & self.valid
+        return further & (self.watch is None or not self.watch.is_over)
+
+    def aim(self, path: Path) -> Step:
+        """The next step."""
+        xp, settings = self.lin.xp, self.settings
+        start, end = self.task.start, self.task.end
+        at_start, first_step = path.t < 0.0, path.t <= 0.0
+        moves = _differ(xp, start, end)  # else the start, corrected, is the end
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
-        guess = path.z + taken * path.rate
-        tolerance = xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance)
-        stiffening = xp.where(at_start & moves, 1e-4, negligible(xp, z))
-        found = newton.solve(lin, guess, inputs_at(t, gentle), tolerance, stiffening, ~first_step, settings)
+        target = Target(
+            inputs=self._inputs_at(t, path.gentle),
+            tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
+            stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),
+            near=~first_step,
+        )
+        return Step(t, taken, path.z + taken * path.rate, target)
+
+    def arrive(self, path: Path, step: Step, found: Iterate) -> Path:
+        """The path after a step, which is taken or shortened."""
+        lin, xp, settings = self.lin, self.lin.xp, self.settings
+        at_start, first_step, gentle = path.t < 0.0, path.t <= 0.0, path.gentle
+        t, taken = step.t, step.taken
         # Stay on the branch: the correction must be small, beside the step along the tangent or beside the strain a
         # step may make.
         aimed = path.speed * taken
-        off, _ = lin.strain_of(found.z - guess)
+        off, _ = lin.strain_of(found.z - step.guess)
         near = off <= xp.maximum(0.5 * aimed, 0.05 * settings.move)
         # A tangent that changed sign has passed a bifurcation, or left the branch beside one: come closer to see which,
         # and to know the load.
         known = (found.status == Status.CONVERGED) & (near | at_start)
         sign = control.choose(known, lambda: found.factors.sign, lambda: path.sign)
-        before = fraction(xp.maximum(path.t, 0.0), gentle)
-        far = (aimed > 0.05 * settings.move) | (fraction(t, gentle) - before > 0.01)
+        before = self._fraction(xp.maximum(path.t, 0.0), gentle)
+        far = (aimed > 0.05 * settings.move) | (self._fraction(t, gentle) - before > 0.01)
         # Several branches may begin at rest, where soft tissue has no stiffness, and one that changes the sign is
         # unstable: it is taken only if a path that begins gently finds no other.
         passed = (sign != path.sign) & (far | (first_step & ~gentle))
         good = known & (~passed | at_start)
-        if not traced:
+        if self.watch is not None:
             status = Status(int(found.status)).name if good or found.status else "BRANCH_LEFT"
-            watch.step(path.steps + 1, t if good else path.t, status, found.at.residual, found.iteration)
+            self.watch.step(path.steps + 1, t if good else path.t, status, found.at.residual, found.iteration)
         spent = path._replace(
             steps=path.steps + 1,
             iterations=path.iterations + xp.maximum(found.iteration, 0),  # −1: the guess itself was refused
         )
 
-        def further() -> _Path:
+        def further() -> Path:
             nothing = xp.zeros_like(found.z), xp.array(0.0)
-            rate, speed = control.choose(t < 1.0, lambda: tangent_of_path(found, t, gentle), lambda: nothing)
+            rate, speed = control.choose(t < 1.0, lambda: self._tangent(found, t, gentle), lambda: nothing)
             # Aim at half of the correction that is accepted.
             within = xp.maximum(0.5 * aimed, 0.05 * settings.move)
             growth = xp.clip(0.5 * within / xp.maximum(off, 1e-12), 0.1, 10.0)
@@ -205,58 +286,76 @@ def follow(
                 history=found.history,
             )
 
-        def again() -> _Path:
+        def again() -> Path:
             failed = xp.where(found.status == Status.CONVERGED, Status.BRANCH_LEFT, found.status)
             retry = xp.where(at_start, 0.0, 0.25 * taken)
             shorter = spent._replace(dt=retry, reason=failed, rejected=path.rejected + 1)
             counts = {name: getattr(shorter, name) for name in ("steps", "rejected", "iterations", "reason")}
-            anew = first._replace(gentle=xp.array(True), **counts)
+            anew = self.begin()._replace(gentle=xp.array(True), **counts)
             early = (retry < settings.min_step) & (before < EARLY) & ~at_start & ~gentle
             return control.choose(early, lambda: anew, lambda: shorter)
 
         return control.choose(good, further, again)
 
-    none, one = xp.array(0), xp.array(1.0)
-    first = _Path(
-        t=-one,
-        z=z,
-        at=At.unknown(xp, z, lin.nothing()[0]),
-        rate=xp.zeros_like(z),
-        speed=0.0 * one,
-        pace=_Pace((0.0 * one, 0.0 * one), (0.0 * one, 0.0 * one)),
-        sign=0.0 * one,
-        stable=one,
-        dt=one,
-        gentle=xp.array(False),
-        reason=xp.array(Status.SINGULAR),
-        history=xp.zeros(settings.max_iterations + 1),
-        steps=none,
-        rejected=none,
-        iterations=none,
-    )
-    with watch:
-        last = control.loop(keep_going, step, newton.batched_as(valid, first))
-    reached = fraction(xp.maximum(last.t, 0.0), last.gentle)
-    negative, zeros = lin.inertia(last.at, last.z)
-    beyond = last.pace.to_limit(xp, last.t, last.speed)
-    ended = xp.where(beyond <= NEAR_LIMIT, Status.LIMIT_POINT, last.reason)
-    over = Status.TIME_LIMIT if not traced and watch.is_over else ended
-    status = xp.where(last.t >= 1.0, Status.CONVERGED, over)
+    def end(self, path: Path) -> End:
+        """What is kept of a path that does not go on."""
+        xp = self.lin.xp
+        beyond = path.pace.to_limit(xp, path.t, path.speed)
+        ended = xp.where(beyond <= NEAR_LIMIT, Status.LIMIT_POINT, path.reason)
+        over = Status.TIME_LIMIT if self.watch is not None and self.watch.is_over else ended
+        status = xp.where(path.t >= 1.0, Status.CONVERGED, over)
+        kept = {name: getattr(path, name) for name in End._fields if name != "status"}
+        return End(status=status, **kept)
+
+    def _inputs_at(self, t: Array, gentle: Array) -> Inputs:
+        inputs: Inputs = between(self.lin.xp, self.task.start, self.task.end, self._fraction(t, gentle))
+        return inputs
+
+    def _fraction(self, t: Array, gentle: Array) -> Array:
+        return _fraction(self.task, t, gentle)
+
+    def _tangent(self, found: Iterate, t: Array, gentle: Array) -> tuple[Array, Array]:
+        """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
+        lin, xp = self.lin, self.lin.xp
+        c = _linear_part(self.task, gentle)
+        slope = c + 3.0 * (1.0 - c) * t**2  # of `_fraction`
+        by_t = jax.tree.map(lambda a, b: slope * (b - a), self.task.start, self.task.end)
+        rate, speed = lin.rates(found.z, self._inputs_at(t, gentle), by_t, found.factors)
+        known = xp.all(xp.isfinite(rate)) & (t < 1.0)
+        return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
+
+
+def _linear_part(task: Task, gentle: Array) -> Array:
+    xp = task.lin.xp
+    return xp.where(gentle, 1e-4, xp.where(task.from_rest, 0.01, 1.0))
+
+
+def _fraction(task: Task, t: Array, gentle: Array) -> Array:
+    """The part of the load at t."""
+    c = _linear_part(task, gentle)
+    return task.lin.xp.where(t >= 1.0, t, c * t + (1.0 - c) * t**3)
+
+
+def _solution(task: Task, end: End) -> tuple[Solution, Any]:
+    """The end of a path as a solution, and the tangent there."""
+    lin, xp, valid = task.lin, task.lin.xp, task.valid
+    reached = _fraction(task, xp.maximum(end.t, 0.0), end.gentle)
+    negative, zeros = lin.inertia(end.at, end.z)
     solution = Solution(
-        z=last.z,
-        inputs=between(xp, start, end, reached),
+        z=end.z,
+        inputs=between(xp, task.start, task.end, reached),
         reached=reached,
-        residual=last.at.residual,
-        force_residual=xp.max(xp.abs(last.at.r[: lin.system.n_u]), initial=0.0),
-        constraint_residual=last.at.violation,
-        status=xp.where(valid, status, Status.INVALID_INPUT),
-        steps=last.steps,
-        rejected=last.rejected,
-        iterations=last.iterations,
-        history=last.history,
+        residual=end.at.residual,
+        force_residual=xp.max(xp.abs(end.at.r[: lin.system.n_u]), initial=0.0),
+        constraint_residual=end.at.violation,
+        status=xp.where(valid, end.status, Status.INVALID_INPUT),
+        steps=end.steps,
+        rejected=end.rejected,
+        iterations=end.iterations,
+        history=end.history,
         negative=xp.where(valid, negative, -1),
         zero=xp.where(valid, zeros, -1),
-        stable_until=xp.where(last.stable >= 1.0, 1.0, fraction(last.stable, last.gentle)),
+        stable_until=xp.where(end.stable >= 1.0, 1.0, _fraction(task, end.stable, end.gentle)),
         work=lin.work,
     )
-    return solution, last.at.K
+    return solution, end.at.K

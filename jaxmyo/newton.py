@@ -80,6 +80,21 @@ class Iterate(NamedTuple):
     history: Array
 
 
+class Target(NamedTuple):
+    """What Newton's method is to find, at fixed inputs.
+
+    tolerance: relative residual; stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular
+    tangent from dividing by zero, more bounds the correction (and the tangent of the path) where a mode has no
+    stiffness; near: the start is known to be near, so that only full corrections are taken that shrink by half or more.
+    Whatever needs damping there is on its way to another equilibrium.
+    """
+
+    inputs: Inputs
+    tolerance: Array
+    stiffening: Array
+    near: Array
+
+
 def batched_as(x: Array, carry: T) -> T:
     """The same values, batched under `vmap` as the scalar x is.
 
@@ -91,81 +106,19 @@ def batched_as(x: Array, carry: T) -> T:
     return jax.tree.map(lambda leaf: jnp.where(x == x, leaf, leaf), carry)
 
 
-def solve(
-    lin: Linear,
-    z: Array,
-    inputs: Inputs,
-    tolerance: Array,
-    stiffening: Array,
-    near: Array,
-    settings: Settings,
-) -> Iterate:
-    """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most `tolerance`.
+def solve(lin: Linear, z: Array, target: Target, settings: Settings) -> Iterate:
+    """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most the tolerance."""
+    start = batched_as(target.tolerance, begin(lin, z, lin.nothing(), settings))
+    found = control.loop(lambda s: goes_on(s, target, settings), lambda s: look(lin, s, target, settings), start)
+    return ended(lin, found, target)
 
-    stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular tangent from dividing by zero,
-    more bounds the correction (and the tangent of the path) where a mode has no stiffness.
 
-    near: the start is known to be near, so that only full corrections are taken that shrink by half or more. Whatever
-    needs damping there is on its way to another equilibrium.
-
-    One loop: look at a trial point, then either take it and find the next correction, or halve the step. The first
-    trial is z itself.
-    """
-
+def begin(lin: Linear, z: Array, nothing: tuple[Any, Any], settings: Settings) -> Iterate:
+    """Before the first look. nothing: any tangent and factors, to begin a loop with."""
     xp = lin.xp
-
-    def done(s: Iterate) -> Array:
-        limit = s.at.noise.clip(tolerance)
-        return (s.at.residual <= limit) & (s.size <= 1e3 * limit)
-
-    def keep_going(s: Iterate) -> Array:
-        return ~done(s) & (s.status == Status.CONVERGED) & (s.iteration < settings.max_iterations)
-
-    def look(s: Iterate) -> Iterate:
-        begin = s.iteration < 0
-        z = s.z + s.alpha * s.delta
-        at = lin.at(z, inputs)
-        admissible = at.finite & (at.least_J > 0.0)
-        guess = control.choose(begin, lambda: s.delta, lambda: s.factors.solve(at.r, 1e-1))
-        simplified, _ = lin.strain_of(guess)
-        # A NaN compares as false; round-off may keep a tiny correction from shrinking.
-        shrink = xp.where(near, 0.5, 1.0 - 0.25 * s.alpha)
-        taken = admissible & (begin | (simplified <= shrink * s.size + s.blur))
-        if not tracing.is_traced(z):
-            progress.iteration(s.iteration + 1, at, s.alpha, simplified, bool(taken))
-
-        def further() -> Iterate:
-            factors = lin.factorise(at, 0.1 * at.stress + stiffening * at.modulus, s.size <= 0.03)
-            # As exact as Newton's method can use; where it has arrived, the correction only tells the error.
-            limit = at.noise.clip(tolerance)
-            useful = xp.maximum(0.1 * at.residual, 0.1 * limit / xp.maximum(at.residual, limit))
-            accuracy = xp.where(at.residual <= limit, 0.1, xp.clip(useful, 1e-9, 1e-2))
-            delta = -factors.solve(at.r, accuracy, guess)
-            size, largest = lin.strain_of(delta)
-            with_stress = size + xp.max(xp.abs(delta[lin.system.n_u :]), initial=0.0) / at.modulus
-            iteration = s.iteration + 1
-            return Iterate(
-                z=z,
-                at=at,
-                factors=factors,
-                delta=delta,
-                size=size,
-                blur=negligible(xp, z) + lin.inexact * accuracy * with_stress,
-                alpha=xp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
-                iteration=iteration,
-                status=xp.where(xp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
-                history=control.put(s.history, iteration, at.residual),
-            )
-
-        def shorter() -> Iterate:
-            lost = begin | near | (s.alpha < 1e-3)
-            return s._replace(alpha=0.5 * s.alpha, status=xp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
-
-        return control.choose(taken, further, shorter)
-
-    K, factors = lin.nothing()
+    K, factors = nothing
     one, infinite = xp.array(1.0), xp.array(xp.inf)
-    start = Iterate(
+    return Iterate(
         z=z,
         at=At.unknown(xp, z, K),
         factors=factors,
@@ -177,6 +130,67 @@ def solve(
         status=xp.array(Status.CONVERGED),
         history=xp.zeros(settings.max_iterations + 1),
     )
-    end = control.loop(keep_going, look, batched_as(tolerance, start))
-    status = xp.where((end.status == Status.CONVERGED) & ~done(end), Status.TOO_MANY_ITERATIONS, end.status)
-    return end._replace(status=status)
+
+
+def _done(s: Iterate, target: Target) -> Array:
+    limit = s.at.noise.clip(target.tolerance)
+    return (s.at.residual <= limit) & (s.size <= 1e3 * limit)
+
+
+def goes_on(s: Iterate, target: Target, settings: Settings) -> Array:
+    """Whether there is more to look at."""
+    return ~_done(s, target) & (s.status == Status.CONVERGED) & (s.iteration < settings.max_iterations)
+
+
+def ended(lin: Linear, s: Iterate, target: Target) -> Iterate:
+    """The last iterate, with its status."""
+    missed = (s.status == Status.CONVERGED) & ~_done(s, target)
+    return s._replace(status=lin.xp.where(missed, Status.TOO_MANY_ITERATIONS, s.status))
+
+
+def look(lin: Linear, s: Iterate, target: Target, settings: Settings) -> Iterate:
+    """Look at a trial point, then either take it and find the next correction, or halve the step.
+
+    The first trial is the start itself.
+    """
+    xp = lin.xp
+    first = s.iteration < 0
+    z = s.z + s.alpha * s.delta
+    at = lin.at(z, target.inputs)
+    admissible = at.finite & (at.least_J > 0.0)
+    guess = control.choose(first, lambda: s.delta, lambda: s.factors.solve(at.r, 1e-1))
+    simplified, _ = lin.strain_of(guess)
+    # A NaN compares as false; round-off may keep a tiny correction from shrinking.
+    shrink = xp.where(target.near, 0.5, 1.0 - 0.25 * s.alpha)
+    taken = admissible & (first | (simplified <= shrink * s.size + s.blur))
+    if not tracing.is_traced(z):
+        progress.iteration(s.iteration + 1, at, s.alpha, simplified, bool(taken))
+
+    def further() -> Iterate:
+        factors = lin.factorise(at, 0.1 * at.stress + target.stiffening * at.modulus, s.size <= 0.03)
+        # As exact as Newton's method can use; where it has arrived, the correction only tells the error.
+        limit = at.noise.clip(target.tolerance)
+        useful = xp.maximum(0.1 * at.residual, 0.1 * limit / xp.maximum(at.residual, limit))
+        accuracy = xp.where(at.residual <= limit, 0.1, xp.clip(useful, 1e-9, 1e-2))
+        delta = -factors.solve(at.r, accuracy, guess)
+        size, largest = lin.strain_of(delta)
+        with_stress = size + xp.max(xp.abs(delta[lin.system.n_u :]), initial=0.0) / at.modulus
+        iteration = s.iteration + 1
+        return Iterate(
+            z=z,
+            at=at,
+            factors=factors,
+            delta=delta,
+            size=size,
+            blur=negligible(xp, z) + lin.inexact * accuracy * with_stress,
+            alpha=xp.minimum(1.0, 0.5 / largest),  # no trial strains an element by more than one half
+            iteration=iteration,
+            status=xp.where(xp.isfinite(size), Status.CONVERGED, Status.SINGULAR),
+            history=control.put(s.history, iteration, at.residual),
+        )
+
+    def shorter() -> Iterate:
+        lost = first | target.near | (s.alpha < 1e-3)
+        return s._replace(alpha=0.5 * s.alpha, status=xp.where(lost, Status.NO_DESCENT, Status.CONVERGED))
+
+    return control.choose(taken, further, shorter)
