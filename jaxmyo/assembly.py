@@ -211,13 +211,14 @@ class Assembly:
             r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
         return r, least_J
 
-    def rates(self, u: Floats, z: Floats, inputs: Inputs, du: Floats, by_t: Inputs) -> Floats:
-        """The change (n,) of the residual with the displacements and the inputs.
+    def rates(self, u: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
+        """The change (n,) of the residual with the inputs, prescribed displacements among them.
 
         By central differences, to some 1e-9: what goes along the path needs no more, and an exact derivative is one
         more program, which takes seconds to compile.
         """
         h = 1e-6
+        du = np.broadcast_to(by_t.offset, inputs.offset.shape).reshape(-1, 3)
 
         def residual(t: float) -> Floats:
             moved = jax.tree.map(lambda x, dx: np.asarray(x) + t * np.asarray(dx), inputs, by_t)

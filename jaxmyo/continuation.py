@@ -7,6 +7,7 @@ solution on the branch that starts at rest, which need not be the only equilibri
 """
 
 from dataclasses import dataclass
+from itertools import compress
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -116,7 +117,10 @@ class End(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A load step: to t, `taken` from the last state, with a guess of the unknowns there."""
+    """A load step: to t, `taken` from the last state, with a guess of the unknowns there.
+
+    target: of Newton's method, with those of the inputs that move.
+    """
 
     t: Array
     taken: Array
@@ -130,26 +134,34 @@ def between(xp: ModuleType, start: Any, end: Any, fraction: Any) -> Any:
 
 
 def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
-    differ = [xp.any(a != b) for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True)]
-    return xp.any(xp.stack(differ))
+    differ = [xp.any(a != b) for a, b in zip(start, end, strict=True)]
+    return xp.any(xp.stack(differ)) if differ else xp.array(False)
 
 
 class Task(NamedTuple):
-    """A path: from the unknowns z at the inputs `start` to the inputs `end`, see `follow`."""
+    """A path: from the unknowns z to the inputs `end`; start: those that move, where the path starts. See `follow`."""
 
     lin: Linear
     z: Array
-    start: Inputs
+    start: list[Array]
     end: Inputs
     valid: Array
     from_rest: Array
 
 
 def follow(
-    lin: Linear, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+    lin: Linear,
+    z: Array,
+    start: Inputs,
+    end: Inputs,
+    valid: Array,
+    from_rest: Array,
+    settings: Settings,
+    moving: tuple[bool, ...],
 ) -> tuple[Solution, Any]:
     """Follow the equilibrium from z at the inputs `start` to the inputs `end`: the solution, and the tangent there.
 
+    moving: which leaves of the inputs may differ; the others are left out of what is computed along the path.
     `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
     rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
     load near rest, so the load then grows like t³. A path that comes to nothing begins anew more gently: its load was
@@ -157,27 +169,30 @@ def follow(
     """
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    z, start, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, start, end))
-    task = Task(lin, z, start, end, valid, from_rest)
+    z, begin, end = jax.tree.map(
+        lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, list(compress(jax.tree.leaves(start), moving)), end)
+    )
+    task = Task(lin, z, begin, end, valid, from_rest)
     if tracing.is_traced(z):
         numbers = {name: getattr(settings, name) for name in newton.NUMBERS}
 
         def walk(task: Task, numbers: dict[str, Any]) -> Walk:
-            return Walk(task, settings._replace(**numbers), None)
+            return Walk(task, settings._replace(**numbers), moving, None)
 
         found = path_queue.followed(walk, task, numbers)
     else:
         with progress.Watch(settings.time_limit, settings.progress) as watch:
-            found = path_queue.alone(Walk(task, settings, watch))
-    return _solution(task, found)
+            found = path_queue.alone(Walk(task, settings, moving, watch))
+    return Walk(task, settings, moving, None).solution(found)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """The steps of a path; watch: of a path outside of JAX's transformations."""
+    """The steps of a path; moving: as in `follow`; watch: of a path outside of JAX's transformations."""
 
     task: Task
     settings: Settings
+    moving: tuple[bool, ...]
     watch: progress.Watch | None
 
     @property
@@ -221,14 +236,13 @@ class Walk:
     def aim(self, path: Path) -> Step:
         """The next step."""
         xp, settings = self.lin.xp, self.settings
-        start, end = self.task.start, self.task.end
         at_start, first_step = path.t < 0.0, path.t <= 0.0
-        moves = _differ(xp, start, end)  # else the start, corrected, is the end
+        moves = _differ(xp, self.task.start, self._moving_of(self.task.end))  # else the start, corrected, is the end
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
         target = Target(
-            inputs=self._inputs_at(t, path.gentle),
+            inputs=self._moving_at(self._fraction(t, path.gentle)),
             tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
             stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),
             near=~first_step,
@@ -307,55 +321,69 @@ class Walk:
         kept = {name: getattr(path, name) for name in End._fields if name != "status"}
         return End(status=status, **kept)
 
-    def _inputs_at(self, t: Array, gentle: Array) -> Inputs:
-        inputs: Inputs = between(self.lin.xp, self.task.start, self.task.end, self._fraction(t, gentle))
+    def solution(self, end: End) -> tuple[Solution, Any]:
+        """The end of the path as a solution, and the tangent there."""
+        lin, xp, valid = self.lin, self.lin.xp, self.valid
+        reached = self._fraction(xp.maximum(end.t, 0.0), end.gentle)
+        negative, zeros = lin.inertia(end.at, end.z)
+        solution = Solution(
+            z=end.z,
+            inputs=self._inputs(self._moving_at(reached)),
+            reached=reached,
+            residual=end.at.residual,
+            force_residual=xp.max(xp.abs(end.at.r[: lin.system.n_u]), initial=0.0),
+            constraint_residual=end.at.violation,
+            status=xp.where(valid, end.status, Status.INVALID_INPUT),
+            steps=end.steps,
+            rejected=end.rejected,
+            iterations=end.iterations,
+            history=end.history,
+            negative=xp.where(valid, negative, -1),
+            zero=xp.where(valid, zeros, -1),
+            stable_until=xp.where(end.stable >= 1.0, 1.0, self._fraction(end.stable, end.gentle)),
+            work=lin.work,
+        )
+        return solution, end.at.K
+
+    def target(self, step: Step) -> Target:
+        """What Newton's method is to find at a step."""
+        return step.target._replace(inputs=self._inputs(step.target.inputs))
+
+    def _moving_of(self, inputs: Inputs) -> list[Any]:
+        return list(compress(jax.tree.leaves(inputs), self.moving))
+
+    def _moving_at(self, fraction: Array) -> list[Any]:
+        """Those of the inputs that move, at a fraction of the way."""
+        found: list[Any] = between(self.lin.xp, self.task.start, self._moving_of(self.task.end), fraction)
+        return found
+
+    def _inputs(self, moving: list[Any]) -> Inputs:
+        """All inputs, with these values of those that move."""
+        return self._with(jax.tree.leaves(self.task.end), moving)
+
+    def _with(self, every: list[Any], moving: list[Any]) -> Inputs:
+        of_moving = iter(moving)
+        leaves = [next(of_moving) if moves else x for x, moves in zip(every, self.moving, strict=True)]
+        inputs: Inputs = jax.tree.unflatten(jax.tree.structure(self.task.end), leaves)
         return inputs
 
+    def _linear_part(self, gentle: Array) -> Array:
+        xp = self.lin.xp
+        return xp.where(gentle, 1e-4, xp.where(self.task.from_rest, 0.01, 1.0))
+
     def _fraction(self, t: Array, gentle: Array) -> Array:
-        return _fraction(self.task, t, gentle)
+        """The part of the load at t."""
+        c = self._linear_part(gentle)
+        return self.lin.xp.where(t >= 1.0, t, c * t + (1.0 - c) * t**3)
 
     def _tangent(self, found: Iterate, t: Array, gentle: Array) -> tuple[Array, Array]:
         """dz/dt, and the root-mean-square strain rate of the body, prescribed motion included."""
         lin, xp = self.lin, self.lin.xp
-        c = _linear_part(self.task, gentle)
+        c = self._linear_part(gentle)
         slope = c + 3.0 * (1.0 - c) * t**2  # of `_fraction`
-        by_t = jax.tree.map(lambda a, b: slope * (b - a), self.task.start, self.task.end)
-        rate, speed = lin.rates(found.z, self._inputs_at(t, gentle), by_t, found.factors)
+        moving = [slope * (b - a) for a, b in zip(self.task.start, self._moving_of(self.task.end), strict=True)]
+        by_t = self._with([0.0] * len(self.moving), moving)
+        inputs = self._inputs(self._moving_at(self._fraction(t, gentle)))
+        rate, speed = lin.rates(found.z, inputs, by_t, found.factors)
         known = xp.all(xp.isfinite(rate)) & (t < 1.0)
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)
-
-
-def _linear_part(task: Task, gentle: Array) -> Array:
-    xp = task.lin.xp
-    return xp.where(gentle, 1e-4, xp.where(task.from_rest, 0.01, 1.0))
-
-
-def _fraction(task: Task, t: Array, gentle: Array) -> Array:
-    """The part of the load at t."""
-    c = _linear_part(task, gentle)
-    return task.lin.xp.where(t >= 1.0, t, c * t + (1.0 - c) * t**3)
-
-
-def _solution(task: Task, end: End) -> tuple[Solution, Any]:
-    """The end of a path as a solution, and the tangent there."""
-    lin, xp, valid = task.lin, task.lin.xp, task.valid
-    reached = _fraction(task, xp.maximum(end.t, 0.0), end.gentle)
-    negative, zeros = lin.inertia(end.at, end.z)
-    solution = Solution(
-        z=end.z,
-        inputs=between(xp, task.start, task.end, reached),
-        reached=reached,
-        residual=end.at.residual,
-        force_residual=xp.max(xp.abs(end.at.r[: lin.system.n_u]), initial=0.0),
-        constraint_residual=end.at.violation,
-        status=xp.where(valid, end.status, Status.INVALID_INPUT),
-        steps=end.steps,
-        rejected=end.rejected,
-        iterations=end.iterations,
-        history=end.history,
-        negative=xp.where(valid, negative, -1),
-        zero=xp.where(valid, zeros, -1),
-        stable_until=xp.where(end.stable >= 1.0, 1.0, _fraction(task, end.stable, end.gentle)),
-        work=lin.work,
-    )
-    return solution, end.at.K

@@ -4,7 +4,8 @@ The element is that of `jaxmyo.lagrangian`. Under `vmap` the bodies of a batch a
 `jaxmyo.lanes`: an operation on a matrix of one point becomes a loop over bodies.
 """
 
-from typing import Any, NamedTuple
+from itertools import compress
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,29 +64,47 @@ def residual_and_tangent(system: System, z: Array, inputs: Inputs) -> tuple[Arra
 
 
 def rate(system: System, z: Array, inputs: Inputs, by_t: Inputs) -> Array:
-    """The change (n,) of the residual with the inputs, at the same z."""
-    # The elements differentiate inside of `batch_last`: their geometry does not change.
-    elements, change = jax.jvp(lambda inputs: _elements(system, z, inputs), (inputs,), (by_t,))
-    values, changes = ((e.nodes, e.place.T_f, e.place.T_cf, e.place.inputs) for e in (elements, change))
+    """The change (n,) of the residual with the inputs, at the same z; with none of those that are 0.0 in by_t."""
+    moves = jax.tree.map(lambda dx: type(dx) is not float, by_t)
+    by_t = jax.tree.map(lambda x, dx: jnp.broadcast_to(jnp.asarray(dx, x.dtype), x.shape), inputs, by_t)
+    of_density = moves._replace(T_f=False, T_cf=False, offset=False, loads={}, volumes=False, imbalance=False)
+    which = [moves.offset, moves.T_f, moves.T_cf, *jax.tree.leaves(of_density)]
 
-    def of_elements(e: _Elements, values: Any, changes: Any) -> Array:
-        def forces(nodes: Array, T_f: Array, T_cf: Array, inputs: Inputs) -> Array:
-            place = e.place._replace(T_f=T_f, T_cf=T_cf, inputs=inputs)
-            return _forces(system, e._replace(nodes=nodes, place=place))
+    def driven(e: _Elements) -> list[Array]:
+        """What the inputs change in elements; it is linear in them."""
+        return [e.nodes, e.place.T_f, e.place.T_cf, *jax.tree.leaves(e.place.inputs)]
 
-        def alike(a: Array, b: Array) -> Array:
-            return jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, b.shape))
+    def alike(a: Array, b: Array) -> Array:
+        return jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, b.shape))
 
+    def of_elements(e: _Elements, changes: list[Array]) -> Array:
+        def forces(moving: list[Array]) -> Array:
+            nodes, T_f, T_cf, *others = _replaced(driven(e), which, moving)
+            inputs = jax.tree.unflatten(jax.tree.structure(e.place.inputs), others)
+            return _forces(system, e._replace(nodes=nodes, place=e.place._replace(T_f=T_f, T_cf=T_cf, inputs=inputs)))
+
+        values = list(compress(driven(e), which))
         # One of the two may be the same in all bodies.
-        values, changes = jax.tree.map(alike, values, changes), jax.tree.map(alike, changes, values)
-        return _assembled(system, e, jax.jvp(forces, values, changes)[1])
+        at = list(map(alike, values, changes)), list(map(alike, changes, values))
+        return _assembled(system, e, jax.jvp(forces, at[:1], at[1:])[1])
 
-    dr = batch_last(of_elements)(elements, values, changes) - by_t.imbalance
+    # The elements differentiate inside of `batch_last`: their geometry does not change.
+    changes = list(compress(driven(_elements(system, jnp.zeros_like(z), by_t)), which))
+    dr = batch_last(of_elements)(_elements(system, z, inputs), changes) - by_t.imbalance
 
-    def loads(inputs: Inputs) -> Array:
-        return lagrangian.add_loads(system, z, inputs, jnp.zeros(system.size), None)[0]
+    def loads(moving: list[Array]) -> Array:
+        moved = jax.tree.unflatten(jax.tree.structure(inputs), _replaced(jax.tree.leaves(inputs), every, moving))
+        return lagrangian.add_loads(system, z, moved, jnp.zeros(system.size), None)[0]
 
-    return dr + jax.jvp(loads, (inputs,), (by_t,))[1]
+    every = jax.tree.leaves(moves)
+    values, by_t_of = (list(compress(jax.tree.leaves(x), every)) for x in (inputs, by_t))
+    return dr + jax.jvp(loads, (values,), (by_t_of,))[1]
+
+
+def _replaced(every: list[Array], which: list[bool], values: list[Array]) -> list[Array]:
+    """All of them, with other values of some."""
+    new = iter(values)
+    return [next(new) if this else x for x, this in zip(every, which, strict=True)]
 
 
 def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:

@@ -33,12 +33,20 @@ def follow(
     failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
     Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
-    return _followed(system, z, start, end, valid, from_rest, settings)[0]
+    moving = tuple(a is not b for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True))
+    return _followed(system, z, start, end, valid, from_rest, settings, moving)[0]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(6,))
+@partial(jax.custom_jvp, nondiff_argnums=(6, 7))
 def _followed(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+    system: System,
+    z: Array,
+    start: Inputs,
+    end: Inputs,
+    valid: Array,
+    from_rest: Array,
+    settings: Settings,
+    moving: tuple[bool, ...],
 ) -> tuple[Solution, Array | None]:
     """The solution and, of a small body, the tangent (n, n) there, which a derivative has a use for."""
     stepwise = settings.time_limit is not None or settings.progress
@@ -58,28 +66,30 @@ def _followed(
         numbers = {name: getattr(settings, name) for name in NUMBERS}
         none: dict[str, Any] = dict.fromkeys(NUMBERS)
         kept = settings._replace(**none)
-        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept)
+        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept, moving=moving)
     if system.is_small:
-        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings)
+        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings, moving)
     lin = Sparse.of(system)
     at: Any = np.array(z)
     flags: Any = (np.asarray(valid), np.asarray(from_rest))
-    solution, _ = continuation.follow(lin, at, start, end, flags[0], flags[1], settings)
+    solution, _ = continuation.follow(lin, at, start, end, flags[0], flags[1], settings, moving)
     return jax.device_put(solution), None
 
 
-def _path(system: System, *path: Any, settings: Settings) -> tuple[Solution, Array]:
+def _path(system: System, *path: Any, settings: Settings, moving: tuple[bool, ...]) -> tuple[Solution, Array]:
     z, start, end, valid, from_rest, numbers = path
     follow = continuation.follow if settings.precision == "float64" else single_precision.follow
-    return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers))
+    return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers), moving)
 
 
-_compiled = lean(_path, "settings")
+_compiled = lean(_path, "settings", "moving")
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)
-def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    s, K = _followed(*primals, settings)
+def _rule(
+    settings: Settings, moving: tuple[bool, ...], primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Any, Any]:
+    s, K = _followed(*primals, settings, moving)
     system, d_system, d_end = primals[0], tangents[0], tangents[3]
     regular = (s.status == Status.CONVERGED) & (s.zero <= 0)  # −1: multigrid, which cannot tell
     if not tracing.is_traced(regular) and s.status == Status.CONVERGED and not regular:

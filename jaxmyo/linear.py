@@ -107,13 +107,13 @@ def strain_of(system: System, dz: Array) -> tuple[Array, Array]:
 
 
 @jax.jit
-def strain_rate(system: System, z: Array, inputs: Inputs, rate: Array, by_t: Inputs) -> Array:
-    """Root mean square over the body of |∂F| for the rates of the unknowns and of the inputs."""
+def strain_rate(system: System, z: Array, inputs: Inputs, rate: Array, offset_rate: Array) -> Array:
+    """Root mean square over the body of |∂F| for the rates of the unknowns and of `Inputs.offset`."""
 
     def F(z: Array, offset: Array) -> Array:
         return lagrangian.deformation_gradients(system, system.displacements(z, inputs._replace(offset=offset)))
 
-    _, dF = jax.jvp(F, (z, inputs.offset), (rate, by_t.offset))
+    _, dF = jax.jvp(F, (z, inputs.offset), (rate, offset_rate))
     return jnp.sqrt(jnp.sum(system.weight[:, :, None, None] * dF**2) / jnp.sum(system.weight))
 
 
@@ -226,9 +226,12 @@ class Dense:
         return strain_of(self.system, dz)
 
     def rates(self, z: Array, inputs: Inputs, by_t: Inputs, factors: Factors | tiny.Inverse) -> tuple[Array, Array]:
-        """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
+        """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate.
+
+        What does not move at all has the number 0.0 in by_t, and takes no part in the arithmetic.
+        """
         rate = -factors.solve(element_batches.rate(self.system, z, inputs, by_t), None)
-        return rate, strain_rate(self.system, z, inputs, rate, by_t)
+        return rate, strain_rate(self.system, z, inputs, rate, jnp.broadcast_to(by_t.offset, inputs.offset.shape))
 
     def inertia(self, at: At, z: Array) -> tuple[Array, Array]:
         """(negative eigenvalues of the second variation on the constraint manifold, zero ones of the saddle matrix).

@@ -18,7 +18,6 @@ from jax import Array
 from jaxmyo import control, progress, tracing
 from jaxmyo.linear import At, negligible
 from jaxmyo.status import Status
-from jaxmyo.system import Inputs
 
 #: The linear algebra of a system: `Dense` inside JAX, `Sparse` outside.
 Linear = Any
@@ -81,7 +80,7 @@ class Iterate(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What Newton's method is to find, at fixed inputs.
+    """What Newton's method is to find, at fixed inputs (`Inputs`; of a `continuation.Step` those that move).
 
     tolerance: relative residual; stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular
     tangent from dividing by zero, more bounds the correction (and the tangent of the path) where a mode has no
@@ -89,7 +88,7 @@ class Target(NamedTuple):
     Whatever needs damping there is on its way to another equilibrium.
     """
 
-    inputs: Inputs
+    inputs: Any
     tolerance: Array
     stiffening: Array
     near: Array

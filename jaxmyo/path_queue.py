@@ -56,7 +56,7 @@ def alone(walk: Walk) -> Any:
 
     def step(path: Any) -> Any:
         step = walk.aim(path)
-        return walk.arrive(path, step, newton.solve(walk.lin, step.guess, step.target, walk.settings))
+        return walk.arrive(path, step, newton.solve(walk.lin, step.guess, walk.target(step), walk.settings))
 
     path = newton.batched_as(walk.valid, walk.begin())
     return walk.end(control.loop(walk.goes_on, step, path))
@@ -234,7 +234,7 @@ def _aimed(walk: Walk, path: Any, nothing: tuple[Any, Any]) -> tuple[Any, newton
 
 
 def _look(walk: Walk, step: Any, found: newton.Iterate) -> newton.Iterate:
-    return newton.look(walk.lin, found, step.target, walk.settings)
+    return newton.look(walk.lin, found, walk.target(step), walk.settings)
 
 
 def _searches(walk: Walk, step: Any, found: newton.Iterate) -> Array:

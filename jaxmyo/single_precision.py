@@ -23,10 +23,17 @@ TOLERANCE = 1e-5
 
 
 def follow(
-    exact: Dense, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
+    exact: Dense,
+    z: Array,
+    start: Inputs,
+    end: Inputs,
+    valid: Array,
+    from_rest: Array,
+    settings: Settings,
+    moving: tuple[bool, ...],
 ) -> tuple[Solution, Array]:
     """As `continuation.follow` with `Dense`, inside `jit`; settings.precision is "float32" or "mixed"."""
-    rough = _in_float32(exact, z, start, end, valid, from_rest, settings)
+    rough = _in_float32(exact, z, start, end, valid, from_rest, settings, moving)
     begin = continuation.between(jnp, start, end, rough.reached)
     if settings.precision == "float32":
         at = exact.at(rough.z, begin)
@@ -38,7 +45,7 @@ def follow(
     # A start that is not known in float32, such as one with constants of 1e40, is left to float64 alone.
     usable = jnp.all(jnp.isfinite(rough.z)) & (rough.steps > rough.rejected)
     z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, start))
-    s, K = continuation.follow(exact, z, begin, end, valid, from_rest & ~usable, settings)
+    s, K = continuation.follow(exact, z, begin, end, valid, from_rest & ~usable, settings, moving)
     reached = jnp.where(usable, rough.reached, 0.0)
     first = jnp.where(usable, rough.stable_until, 1.0)
     then = jnp.where(s.stable_until >= 1.0, 1.0, reached + (1.0 - reached) * s.stable_until)
@@ -49,14 +56,15 @@ def follow(
 
 def _in_float32(exact: Dense, z: Array, *path: Any) -> Solution:
     """The solution with all arithmetic in float32; its numbers are of JAX's float64 and int64 again."""
-    start, end, valid, from_rest, settings = path
+    start, end, valid, from_rest, settings, moving = path
     numbers: dict[str, Any] = {name: jnp.asarray(getattr(settings, name)) for name in NUMBERS}
     for name in ("tolerance", "path_tolerance"):
         numbers[name] = jnp.maximum(numbers[name], TOLERANCE)
     numbers = jax.tree.map(_narrow, numbers)
     lin, z, start, end, valid, from_rest = jax.tree.map(_narrow, (exact, z, start, end, valid, from_rest))
     with jax.enable_x64(False):
-        solution, _ = continuation.follow(lin, z, start, end, valid, from_rest, settings._replace(**numbers))
+        path = (start, end, valid, from_rest, settings._replace(**numbers), moving)
+        solution, _ = continuation.follow(lin, z, *path)
     return jax.tree.map(_wide, solution)
 
 

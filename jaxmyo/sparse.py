@@ -215,9 +215,10 @@ class Sparse:
 
     def rates(self, z: Floats, inputs: Inputs, by_t: Inputs, factors: "Factors") -> tuple[Floats, Any]:
         """dz/dt (n,) along the path whose inputs change by by_t, and the root-mean-square strain rate."""
-        u, du = self._displacements(z, inputs), np.asarray(by_t.offset).reshape(-1, 3)
-        rate = -factors.solve(self.assembly.rates(u, z, inputs, du, by_t), 1e-4)
-        return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, by_t))
+        offset_rate = np.broadcast_to(by_t.offset, inputs.offset.shape)
+        u = self._displacements(z, inputs)
+        rate = -factors.solve(self.assembly.rates(u, z, inputs, by_t), 1e-4)
+        return rate, np.float64(linear.strain_rate(self.system, z, inputs, rate, offset_rate))
 
     def factorise(self, at: At, mu: Any, last: Any) -> "Factors":
         """The system K + μ·metric, to be solved; nothing is factorised before it is needed.

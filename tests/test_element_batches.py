@@ -70,6 +70,22 @@ def test_rates_of_a_batch_are_the_derivative_of_the_residual(case: str) -> None:
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
 
 
+@each
+def test_rates_without_what_does_not_move(case: str) -> None:
+    """A leaf 0.0 of the change is as zeros of its shape: half of them, then the others."""
+    system, inputs, z = CASES[case]()
+    system = jax.tree.map(jnp.asarray, system)
+    change, structure = jax.tree.flatten(varied(inputs, np.random.default_rng(5), 1.0))
+    for first in (0, 1):
+        still = [i % 2 == first for i in range(len(change))]
+        by_t, zeros = (
+            structure.unflatten([none(x) if s else x for s, x in zip(still, change, strict=True)])
+            for none in (lambda x: 0.0, jnp.zeros_like)
+        )
+        found, exact = (np.asarray(element_batches.rate(system, jnp.asarray(z), inputs, d)) for d in (by_t, zeros))
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * max(1.0, np.abs(exact).max()))
+
+
 def test_a_hole_that_closes_has_a_volume_ratio_of_minus_one() -> None:
     """At Gauss points whose radius is negative, in the one body of a batch that it is negative in."""
     system, inputs, _ = solve.contraction(jm.radial_tube(4), 1.0, None, 1.0, None, None)
