@@ -7,14 +7,13 @@ solution on the branch that starts at rest, which need not be the only equilibri
 """
 
 from dataclasses import dataclass
-from itertools import compress
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 from jax import Array
 
-from jaxmyo import control, newton, path_queue, progress, tracing
+from jaxmyo import control, leaves, newton, path_queue, progress, tracing
 from jaxmyo.linear import At, negligible
 from jaxmyo.newton import Iterate, Linear, Settings, Target
 from jaxmyo.status import Status
@@ -157,11 +156,11 @@ def follow(
     valid: Array,
     from_rest: Array,
     settings: Settings,
-    moving: tuple[bool, ...],
+    moving: tuple[int, ...],
 ) -> tuple[Solution, Any]:
     """Follow the equilibrium from z at the inputs `start` to the inputs `end`: the solution, and the tangent there.
 
-    moving: which leaves of the inputs may differ; the others are left out of what is computed along the path.
+    moving: positions of the leaves of the inputs that may differ; the others have no part in what goes along the path.
     `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
     rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
     load near rest, so the load then grows like t³. A path that comes to nothing begins anew more gently: its load was
@@ -169,9 +168,8 @@ def follow(
     """
     xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    z, begin, end = jax.tree.map(
-        lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), (z, list(compress(jax.tree.leaves(start), moving)), end)
-    )
+    known = z, leaves.pick(start, moving), end
+    z, begin, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), known)
     task = Task(lin, z, begin, end, valid, from_rest)
     if tracing.is_traced(z):
         numbers = {name: getattr(settings, name) for name in newton.NUMBERS}
@@ -192,7 +190,7 @@ class Walk:
 
     task: Task
     settings: Settings
-    moving: tuple[bool, ...]
+    moving: tuple[int, ...]
     watch: progress.Watch | None
 
     @property
@@ -237,7 +235,8 @@ class Walk:
         """The next step."""
         xp, settings = self.lin.xp, self.settings
         at_start, first_step = path.t < 0.0, path.t <= 0.0
-        moves = _differ(xp, self.task.start, self._moving_of(self.task.end))  # else the start, corrected, is the end
+        # Else the start, corrected, is the end.
+        moves = _differ(xp, self.task.start, leaves.pick(self.task.end, self.moving))
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
@@ -349,22 +348,14 @@ class Walk:
         """What Newton's method is to find at a step."""
         return step.target._replace(inputs=self._inputs(step.target.inputs))
 
-    def _moving_of(self, inputs: Inputs) -> list[Any]:
-        return list(compress(jax.tree.leaves(inputs), self.moving))
-
     def _moving_at(self, fraction: Array) -> list[Any]:
         """Those of the inputs that move, at a fraction of the way."""
-        found: list[Any] = between(self.lin.xp, self.task.start, self._moving_of(self.task.end), fraction)
+        found: list[Any] = between(self.lin.xp, self.task.start, leaves.pick(self.task.end, self.moving), fraction)
         return found
 
     def _inputs(self, moving: list[Any]) -> Inputs:
         """All inputs, with these values of those that move."""
-        return self._with(jax.tree.leaves(self.task.end), moving)
-
-    def _with(self, every: list[Any], moving: list[Any]) -> Inputs:
-        of_moving = iter(moving)
-        leaves = [next(of_moving) if moves else x for x, moves in zip(every, self.moving, strict=True)]
-        inputs: Inputs = jax.tree.unflatten(jax.tree.structure(self.task.end), leaves)
+        inputs: Inputs = leaves.put(self.task.end, self.moving, moving)
         return inputs
 
     def _linear_part(self, gentle: Array) -> Array:
@@ -381,8 +372,9 @@ class Walk:
         lin, xp = self.lin, self.lin.xp
         c = self._linear_part(gentle)
         slope = c + 3.0 * (1.0 - c) * t**2  # of `_fraction`
-        moving = [slope * (b - a) for a, b in zip(self.task.start, self._moving_of(self.task.end), strict=True)]
-        by_t = self._with([0.0] * len(self.moving), moving)
+        ends = zip(self.task.start, leaves.pick(self.task.end, self.moving), strict=True)
+        still = jax.tree.map(lambda _: 0.0, self.task.end)
+        by_t = leaves.put(still, self.moving, [slope * (b - a) for a, b in ends])
         inputs = self._inputs(self._moving_at(self._fraction(t, gentle)))
         rate, speed = lin.rates(found.z, inputs, by_t, found.factors)
         known = xp.all(xp.isfinite(rate)) & (t < 1.0)

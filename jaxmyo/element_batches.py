@@ -4,8 +4,7 @@ The element is that of `jaxmyo.lagrangian`. Under `vmap` the bodies of a batch a
 `jaxmyo.lanes`: an operation on a matrix of one point becomes a loop over bodies.
 """
 
-from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from jax import Array
 
 from jaxmyo import lagrangian, points
 from jaxmyo.lanes import batch_last, once, total
+from jaxmyo.leaves import pick, put, true
 from jaxmyo.points import Place
 from jaxmyo.system import Inputs, System
 
@@ -68,43 +68,33 @@ def rate(system: System, z: Array, inputs: Inputs, by_t: Inputs) -> Array:
     moves = jax.tree.map(lambda dx: type(dx) is not float, by_t)
     by_t = jax.tree.map(lambda x, dx: jnp.broadcast_to(jnp.asarray(dx, x.dtype), x.shape), inputs, by_t)
     of_density = moves._replace(T_f=False, T_cf=False, offset=False, loads={}, volumes=False, imbalance=False)
-    which = [moves.offset, moves.T_f, moves.T_cf, *jax.tree.leaves(of_density)]
+    in_elements, moving = true((moves.offset, moves.T_f, moves.T_cf, of_density)), true(moves)
 
-    def driven(e: _Elements) -> list[Array]:
+    def driven(e: _Elements) -> Any:
         """What the inputs change in elements; it is linear in them."""
-        return [e.nodes, e.place.T_f, e.place.T_cf, *jax.tree.leaves(e.place.inputs)]
+        return e.nodes, e.place.T_f, e.place.T_cf, e.place.inputs
 
     def alike(a: Array, b: Array) -> Array:
         return jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, b.shape))
 
     def of_elements(e: _Elements, changes: list[Array]) -> Array:
-        def forces(moving: list[Array]) -> Array:
-            nodes, T_f, T_cf, *others = _replaced(driven(e), which, moving)
-            inputs = jax.tree.unflatten(jax.tree.structure(e.place.inputs), others)
+        def forces(values: list[Array]) -> Array:
+            nodes, T_f, T_cf, inputs = put(driven(e), in_elements, values)
             return _forces(system, e._replace(nodes=nodes, place=e.place._replace(T_f=T_f, T_cf=T_cf, inputs=inputs)))
 
-        values = list(compress(driven(e), which))
+        values = pick(driven(e), in_elements)
         # One of the two may be the same in all bodies.
-        at = list(map(alike, values, changes)), list(map(alike, changes, values))
-        return _assembled(system, e, jax.jvp(forces, at[:1], at[1:])[1])
+        values, changes = list(map(alike, values, changes)), list(map(alike, changes, values))
+        return _assembled(system, e, jax.jvp(forces, (values,), (changes,))[1])
 
     # The elements differentiate inside of `batch_last`: their geometry does not change.
-    changes = list(compress(driven(_elements(system, jnp.zeros_like(z), by_t)), which))
+    changes = pick(driven(_elements(system, jnp.zeros_like(z), by_t)), in_elements)
     dr = batch_last(of_elements)(_elements(system, z, inputs), changes) - by_t.imbalance
 
-    def loads(moving: list[Array]) -> Array:
-        moved = jax.tree.unflatten(jax.tree.structure(inputs), _replaced(jax.tree.leaves(inputs), every, moving))
-        return lagrangian.add_loads(system, z, moved, jnp.zeros(system.size), None)[0]
+    def loads(values: list[Array]) -> Array:
+        return lagrangian.add_loads(system, z, put(inputs, moving, values), jnp.zeros(system.size), None)[0]
 
-    every = jax.tree.leaves(moves)
-    values, by_t_of = (list(compress(jax.tree.leaves(x), every)) for x in (inputs, by_t))
-    return dr + jax.jvp(loads, (values,), (by_t_of,))[1]
-
-
-def _replaced(every: list[Array], which: list[bool], values: list[Array]) -> list[Array]:
-    """All of them, with other values of some."""
-    new = iter(values)
-    return [next(new) if this else x for x, this in zip(every, which, strict=True)]
+    return dr + jax.jvp(loads, (pick(inputs, moving),), (pick(by_t, moving),))[1]
 
 
 def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from jaxmyo import checks, continuation, lagrangian, linear, newton, progress, single_precision, sparse, tracing
+from jaxmyo import checks, continuation, lagrangian, leaves, linear, newton, progress, single_precision, sparse, tracing
 from jaxmyo.compiler import lean
 from jaxmyo.continuation import Solution
 from jaxmyo.linear import Dense
@@ -33,7 +33,7 @@ def follow(
     failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
     Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
-    moving = tuple(a is not b for a, b in zip(jax.tree.leaves(start), jax.tree.leaves(end), strict=True))
+    moving = leaves.true(jax.tree.map(lambda a, b: a is not b, start, end))
     return _followed(system, z, start, end, valid, from_rest, settings, moving)[0]
 
 
@@ -46,7 +46,7 @@ def _followed(
     valid: Array,
     from_rest: Array,
     settings: Settings,
-    moving: tuple[bool, ...],
+    moving: tuple[int, ...],
 ) -> tuple[Solution, Array | None]:
     """The solution and, of a small body, the tangent (n, n) there, which a derivative has a use for."""
     stepwise = settings.time_limit is not None or settings.progress
@@ -76,7 +76,7 @@ def _followed(
     return jax.device_put(solution), None
 
 
-def _path(system: System, *path: Any, settings: Settings, moving: tuple[bool, ...]) -> tuple[Solution, Array]:
+def _path(system: System, *path: Any, settings: Settings, moving: tuple[int, ...]) -> tuple[Solution, Array]:
     z, start, end, valid, from_rest, numbers = path
     follow = continuation.follow if settings.precision == "float64" else single_precision.follow
     return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers), moving)
@@ -87,7 +87,7 @@ _compiled = lean(_path, "settings", "moving")
 
 @partial(_followed.defjvp, symbolic_zeros=True)
 def _rule(
-    settings: Settings, moving: tuple[bool, ...], primals: tuple[Any, ...], tangents: tuple[Any, ...]
+    settings: Settings, moving: tuple[int, ...], primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[Any, Any]:
     s, K = _followed(*primals, settings, moving)
     system, d_system, d_end = primals[0], tangents[0], tangents[3]
@@ -104,7 +104,7 @@ def _rule(
     nothing, none = jax.tree.map(_nothing, (s, K))
     # Those of a singular state too: passive tissue at rest hands its constants on to what is loaded from it.
     known = [jnp.where(s.status == Status.CONVERGED, dx, 0.0) for dx in of_inputs]
-    return (s, K), (nothing._replace(z=dz, inputs=_with(nothing.inputs, driven, known)), none)
+    return (s, K), (nothing._replace(z=dz, inputs=leaves.put(nothing.inputs, driven, known)), none)
 
 
 @jax.custom_jvp
@@ -138,9 +138,9 @@ def _sensitivity(
     """
 
     def residual(geometry: list[Array], loading: list[Array]) -> Array:
-        return lagrangian.residual(_with(system, moved, geometry), z, _with(inputs, driven, loading))
+        return lagrangian.residual(leaves.put(system, moved, geometry), z, leaves.put(inputs, driven, loading))
 
-    at = _leaves(system, moved), _leaves(inputs, driven)
+    at = leaves.pick(system, moved), leaves.pick(inputs, driven)
     _, dr = jax.jvp(residual, at, (of_system, of_inputs))
     # A matrix and a right side that are harmless where there is no derivative: what is 0 · NaN would come back.
     dr = jnp.where(regular, dr, 0.0)
@@ -163,19 +163,6 @@ def _perturbed(tree: Any, tangents: Any) -> tuple[list[Array], tuple[int, ...]]:
     every = jax.tree.leaves(tangents, is_leaf=lambda x: isinstance(x, SymbolicZero))
     at = tuple(i for i, d in enumerate(every) if not isinstance(d, SymbolicZero))
     return [every[i] for i in at], at
-
-
-def _leaves(tree: Any, at: tuple[int, ...]) -> list[Any]:
-    every = jax.tree.leaves(tree)
-    return [every[i] for i in at]
-
-
-def _with(tree: Any, at: tuple[int, ...], values: list[Any]) -> Any:
-    """The tree with other leaves at these positions."""
-    leaves, structure = jax.tree.flatten(tree)
-    for i, value in zip(at, values, strict=True):
-        leaves[i] = value
-    return jax.tree.unflatten(structure, leaves)
 
 
 def _nothing(x: Array) -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 
 from jaxmyo import control, newton
+from jaxmyo.leaves import pick, put, true
 
 #: The most paths at a time, the fewest, and the Gauss points of all of them: as many as stay in the cache.
 MOST, FEWEST, POINTS = 128, 16, 2048
@@ -137,15 +138,13 @@ class _Batch:
 
     def _own(self, tasks: Array) -> list[Array]:
         """Of some tasks, what they do not share."""
-        return [x[tasks] for x, own in zip(self.leaves, self.is_own, strict=True) if own]
+        return [x[tasks] for x in pick(self.leaves, true(self.is_own))]
 
     def _at_lanes(self, function: Callable[..., Any], own: list[Array], *states: Any) -> Any:
         """function(walk, *states) in every lane."""
 
         def one(own: list[Array], *states: Any) -> Any:
-            of_lane = iter(own)
-            task = [next(of_lane) if its_own else x for x, its_own in zip(self.leaves, self.is_own, strict=True)]
-            return function(self.walk_of(task), *states)
+            return function(self.walk_of(put(self.leaves, true(self.is_own), own)), *states)
 
         return jax.vmap(one)(own, *states)
 

@@ -30,7 +30,7 @@ def follow(
     valid: Array,
     from_rest: Array,
     settings: Settings,
-    moving: tuple[bool, ...],
+    moving: tuple[int, ...],
 ) -> tuple[Solution, Array]:
     """As `continuation.follow` with `Dense`, inside `jit`; settings.precision is "float32" or "mixed"."""
     rough = _in_float32(exact, z, start, end, valid, from_rest, settings, moving)
