@@ -38,6 +38,7 @@ def invert(A: Array) -> Inverse:
         for i in range(k + 1, n):
             larger = jnp.abs(M[i, k]) > largest
             best, largest = jnp.where(larger, i, best), jnp.where(larger, jnp.abs(M[i, k]), largest)
+        best = once(best)  # of rows that are equal but for round-off, two loops of XLA might choose each their own
         row = M[k]
         for i in range(k + 1, n):
             row = jnp.where((best == i)[None], M[i], row)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jax.extend.core import jaxprs_in_params
 
-from jaxmyo import linear, tiny
+from jaxmyo import compiler, linear, tiny
 
 
 def matrices(n: int, count: int) -> Any:
@@ -47,6 +47,21 @@ def test_inverse(n: int) -> None:
     b = np.arange(1.0, n + 1.0)
     x = tiny.invert(jnp.asarray(A[regular][0])).solve(jnp.asarray(b), 0.0)
     np.testing.assert_allclose(A[regular][0] @ x, b, atol=1e-11 * n)
+
+
+def test_inverse_where_two_rows_compete() -> None:
+    """Of bodies alike in x and y, two rows have the same pivot but for round-off: each loop of XLA must take the same.
+
+    (If it is computed anew in some of them, a few of a thousand inverses are of no use at all.)
+    """
+    a, b, c, d, e, f = np.random.default_rng(0).standard_normal((6, 4000))
+    A = np.moveaxis(np.array([[a, b, c, d], [b, a, c, d], [c, c, e, f], [d, d, f, 0.0 * a]]), -1, 0)
+    A = A[np.linalg.cond(A) < 1e4]
+    exact = np.linalg.inv(A)
+    as_users_run_it = compiler.LEAN | {"xla_backend_optimization_level": "3"}
+    inverse = jax.jit(lambda A: tiny.invert(A).inverse, compiler_options=as_users_run_it)
+    found = np.array([inverse(a) for a in A])
+    np.testing.assert_array_less(np.abs(found - exact).max((1, 2)), 1e-11 * np.abs(exact).max((1, 2)))
 
 
 def test_inverses_in_float32_of_a_batch() -> None:
