@@ -3,9 +3,7 @@
 The pattern is found once. JAX computes the element terms of a chunk while NumPy adds those of the one before.
 """
 
-import ctypes
 import os
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -18,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from jax import Array
 
-from jaxmyo import compiler, element_blocks, lagrangian, surface
+from jaxmyo import compiler, element_blocks, lagrangian, memory, surface
 from jaxmyo.coordinates import evaluate
 from jaxmyo.element_blocks import Elements, Terms
 from jaxmyo.pattern import BLOCK, Floats, Ints, in_blocks, pattern, same_components
@@ -85,13 +83,6 @@ def _programs() -> int:
     """How many programs for elements are compiled."""
     programs: Any = (_terms, _forces)
     return sum(int(f._cache_size()) for f in programs)
-
-
-def _give_back() -> None:
-    """Give memory that is free back to the system: of what the compiler used, glibc would keep 0.2 GB."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-    if trim is not None:
-        trim(0)
 
 
 class Assembly:
@@ -182,7 +173,7 @@ class Assembly:
         found = next(self.terms(u, z, inputs, gamma, inside, chunks=1))
         beside.result()
         if _programs() != known:
-            _give_back()
+            memory.give_back()  # of what the compiler used, 0.2 GB
         return found
 
     def _forces(self, u: Floats, z: Floats, inputs: Inputs, chunks: int | None = None) -> Iterator[tuple[slice, Any]]:

@@ -4,6 +4,7 @@ Pardiso where it is installed (`jaxmyo[fast]`), else SciPy; pyamg for what the f
 """
 
 import ctypes
+import os
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -173,7 +174,12 @@ class _Pardiso:
 
 @cache
 def _pardiso() -> Any:
-    """The function of MKL. pypardiso takes a fifth of a second to find the library, and does so when it is imported."""
+    """The function of MKL. pypardiso takes a fifth of a second to find the library, and does so when it is imported.
+
+    MKL's threads wait busily for their next call, for 200 ms unless the environment variable KMP_BLOCKTIME says
+    otherwise, and take a core from JAX's. It is set to 5 ms here, unless the user has set it.
+    """
+    os.environ.setdefault("KMP_BLOCKTIME", "5")
     from pypardiso import ps
 
     function = ps.libmkl["pardiso"]  # one of our own: each access makes another

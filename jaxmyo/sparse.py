@@ -14,7 +14,7 @@ import jax
 import numpy as np
 import scipy.sparse as sp
 
-from jaxmyo import checks, factor, lagrangian, linear, saddle
+from jaxmyo import checks, factor, lagrangian, linear, memory, saddle
 from jaxmyo.assembly import Assembly
 from jaxmyo.linear import At, Scales
 from jaxmyo.pattern import DIAGONAL, Floats, distinct
@@ -459,6 +459,7 @@ def forget() -> None:
     """Free the patterns and factors that are kept for the next solve, and for derivatives of the last ones."""
     forget_factors()
     _held.clear()
+    memory.give_back()
 
 
 def forget_factors() -> None:
