@@ -6,7 +6,7 @@ bounded strain, is cut back where Newton fails or the body jumps, and grows agai
 solution on the branch that starts at rest, which need not be the only equilibrium nor, far along, a stable one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -137,8 +137,31 @@ def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
     return xp.any(xp.stack(differ)) if differ else xp.array(False)
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Route:
+    """What a path goes along: a straight line between two inputs.
+
+    valid: false where an input is out of its range: nothing is solved then; from_rest: soft tissue moves like a root of
+    the load near rest, so the load then grows like t³; moving: positions of the leaves of the inputs that may differ,
+    the others have no part in what goes along the path.
+    """
+
+    start: Inputs
+    end: Inputs
+    valid: Array
+    from_rest: Array
+    moving: tuple[int, ...] = field(metadata={"static": True})
+
+    @classmethod
+    def between(cls, start: Inputs, end: Inputs, valid: Any, *, from_rest: Any) -> "Route":
+        """Leaves that are one and the same object do not move."""
+        moving = leaves.true(jax.tree.map(lambda a, b: a is not b, start, end))
+        return cls(start, end, valid, from_rest, moving)
+
+
 class Task(NamedTuple):
-    """A path: from the unknowns z to the inputs `end`; start: those that move, where the path starts. See `follow`."""
+    """A path: from the unknowns z to the inputs `end`; start: those that move, where the path starts. See `Route`."""
 
     lin: Linear
     z: Array
@@ -148,29 +171,17 @@ class Task(NamedTuple):
     from_rest: Array
 
 
-def follow(
-    lin: Linear,
-    z: Array,
-    start: Inputs,
-    end: Inputs,
-    valid: Array,
-    from_rest: Array,
-    settings: Settings,
-    moving: tuple[int, ...],
-) -> tuple[Solution, Any]:
-    """Follow the equilibrium from z at the inputs `start` to the inputs `end`: the solution, and the tangent there.
+def follow(lin: Linear, z: Array, route: Route, settings: Settings) -> tuple[Solution, Any]:
+    """Follow the equilibrium from z along a route: the solution, and the tangent there.
 
-    moving: positions of the leaves of the inputs that may differ; the others have no part in what goes along the path.
-    `valid` is false where an input is out of range: nothing is solved then. The start itself is corrected first (at
-    rest, the pressure of a law whose stress is p I there is found so). from_rest: soft tissue moves like a root of the
-    load near rest, so the load then grows like t³. A path that comes to nothing begins anew more gently: its load was
-    many times what stiffness there is at its start.
+    The start itself is corrected first (at rest, the pressure of a law whose stress is p I there is found so). A path
+    that comes to nothing begins anew more gently: its load was many times what stiffness there is at its start.
     """
-    xp = lin.xp
+    xp, moving = lin.xp, route.moving
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    known = z, leaves.pick(start, moving), end
-    z, begin, end = jax.tree.map(lambda x: xp.where(valid | xp.isfinite(x), x, 0.0), known)
-    task = Task(lin, z, begin, end, valid, from_rest)
+    known = z, leaves.pick(route.start, moving), route.end
+    z, begin, end = jax.tree.map(lambda x: xp.where(route.valid | xp.isfinite(x), x, 0.0), known)
+    task = Task(lin, z, begin, end, route.valid, route.from_rest)
     if tracing.is_traced(z):
         numbers = {name: getattr(settings, name) for name in newton.NUMBERS}
 
@@ -186,7 +197,7 @@ def follow(
 
 @dataclass(frozen=True)
 class Walk:
-    """The steps of a path; moving: as in `follow`; watch: of a path outside of JAX's transformations."""
+    """The steps of a path; moving: as in `Route`; watch: of a path outside of JAX's transformations."""
 
     task: Task
     settings: Settings

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jaxmyo import checkpoint, checks, files, lagrangian, outputs, sparse, surface, tracing
 from jaxmyo.compiler import lean
 from jaxmyo.conditions import Condition, Load, Spring, Tie, Volume
-from jaxmyo.continuation import Solution
+from jaxmyo.continuation import Route, Solution
 from jaxmyo.newton import Settings
 from jaxmyo.scene import Scene
 from jaxmyo.solve import DEFAULT, as_state, contraction, follow, held, loading, unknowns
@@ -150,7 +150,7 @@ def _steps(
 
     def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
         end = inputs._replace(beta=now.beta)
-        A = follow(system_A, at.z_A, at.inputs_A, end, valid, ~at.begun, settings)
+        A = follow(system_A, at.z_A, Route.between(at.inputs_A, end, valid, from_rest=~at.begun), settings)
         found = A.status == Status.CONVERGED
         u = system_A.displacements(A.z, A.inputs)
         T_f, T_cf = inputs.T_f, inputs.T_cf
@@ -168,7 +168,8 @@ def _steps(
         z, begin = jax.tree.map(
             lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
         )
-        C = follow(system_C, z, begin, end, valid & found, jnp.array(False), settings)
+        route = Route.between(begin, end, valid & found, from_rest=jnp.array(False))
+        C = follow(system_C, z, route, settings)
         zero = jnp.maximum(C.zero, A.zero) if system_A.weave else C.zero
         C = C._replace(status=jnp.where(found, C.status, A.status), zero=zero)  # as in `load`
         return _At(A.z, A.inputs, C.z, C.inputs, at.begun | found), (A, C)

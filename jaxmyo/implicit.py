@@ -5,6 +5,7 @@ at fixed z: one linear solve for a derivative, one with Kᵀ for a gradient, wha
 itself made of functions that JAX differentiates, so second derivatives follow from it.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from jaxmyo import checks, continuation, lagrangian, leaves, linear, newton, progress, single_precision, sparse, tracing
 from jaxmyo.compiler import lean
-from jaxmyo.continuation import Solution
+from jaxmyo.continuation import Route, Solution
 from jaxmyo.linear import Dense
 from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.sparse import Sparse
@@ -24,30 +25,19 @@ from jaxmyo.status import SingularError, Status
 from jaxmyo.system import Inputs, System
 
 
-def follow(
-    system: System, z: Array, start: Inputs, end: Inputs, valid: Array, from_rest: Array, settings: Settings
-) -> Solution:
-    """The path of states between two inputs, see `continuation.follow`: one program, or by sparse factors.
+def follow(system: System, z: Array, route: Route, settings: Settings) -> Solution:
+    """The path of states along a route, see `continuation.follow`: one program, or by sparse factors.
 
-    Of its results z and inputs have derivatives, by `end` and by the arrays of `system`. They are 0 where the path
-    failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue at rest.
+    Of its results z and inputs have derivatives, by the end of the route and by the arrays of `system`. They are 0
+    where the path failed (`status`), those of z also where the tangent is singular (`zero` > 0), as in passive tissue
+    at rest.
     Errors: SingularError for a derivative of a singular state, outside of jit and vmap.
     """
-    moving = leaves.true(jax.tree.map(lambda a, b: a is not b, start, end))
-    return _followed(system, z, start, end, valid, from_rest, settings, moving)[0]
+    return _followed(system, z, route, settings)[0]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(6, 7))
-def _followed(
-    system: System,
-    z: Array,
-    start: Inputs,
-    end: Inputs,
-    valid: Array,
-    from_rest: Array,
-    settings: Settings,
-    moving: tuple[int, ...],
-) -> tuple[Solution, Array | None]:
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def _followed(system: System, z: Array, route: Route, settings: Settings) -> tuple[Solution, Array | None]:
     """The solution and, of a small body, the tangent (n, n) there, which a derivative has a use for."""
     stepwise = settings.time_limit is not None or settings.progress
     single = checks.choice("settings.precision", settings.precision, newton.PRECISIONS) != "float64"
@@ -56,7 +46,7 @@ def _followed(
             f"settings.precision = {settings.precision!r} is for bodies of up to 1000 unknown displacements; of larger "
             'ones, "float64" factorises in float32 and corrects in float64 already'
         )
-    traced = tracing.is_traced((z, end))
+    traced = tracing.is_traced((z, route.end))
     if system.is_small and (single or traced or not (stepwise or progress.wanted())):
         if stepwise:
             raise ValueError(
@@ -66,31 +56,29 @@ def _followed(
         numbers = {name: getattr(settings, name) for name in NUMBERS}
         none: dict[str, Any] = dict.fromkeys(NUMBERS)
         kept = settings._replace(**none)
-        return _compiled(system, z, start, end, valid, from_rest, numbers, settings=kept, moving=moving)
+        return _compiled(system, z, route, numbers, settings=kept)
     if system.is_small:
-        return continuation.follow(Dense.of(system), z, start, end, valid, from_rest, settings, moving)
-    lin = Sparse.of(system)
+        return continuation.follow(Dense.of(system), z, route, settings)
     at: Any = np.array(z)
-    flags: Any = (np.asarray(valid), np.asarray(from_rest))
-    solution, _ = continuation.follow(lin, at, start, end, flags[0], flags[1], settings, moving)
+    flags: Any = {"valid": np.asarray(route.valid), "from_rest": np.asarray(route.from_rest)}
+    solution, _ = continuation.follow(Sparse.of(system), at, replace(route, **flags), settings)
     return jax.device_put(solution), None
 
 
-def _path(system: System, *path: Any, settings: Settings, moving: tuple[int, ...]) -> tuple[Solution, Array]:
-    z, start, end, valid, from_rest, numbers = path
+def _path(
+    system: System, z: Array, route: Route, numbers: dict[str, Any], *, settings: Settings
+) -> tuple[Solution, Array]:
     follow = continuation.follow if settings.precision == "float64" else single_precision.follow
-    return follow(Dense.of(system), z, start, end, valid, from_rest, settings._replace(**numbers), moving)
+    return follow(Dense.of(system), z, route, settings._replace(**numbers))
 
 
-_compiled = lean(_path, "settings", "moving")
+_compiled = lean(_path, "settings")
 
 
 @partial(_followed.defjvp, symbolic_zeros=True)
-def _rule(
-    settings: Settings, moving: tuple[int, ...], primals: tuple[Any, ...], tangents: tuple[Any, ...]
-) -> tuple[Any, Any]:
-    s, K = _followed(*primals, settings, moving)
-    system, d_system, d_end = primals[0], tangents[0], tangents[3]
+def _rule(settings: Settings, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    s, K = _followed(*primals, settings)
+    system, d_system, d_end = primals[0], tangents[0], tangents[2].end
     regular = (s.status == Status.CONVERGED) & (s.zero <= 0)  # −1: multigrid, which cannot tell
     if not tracing.is_traced(regular) and s.status == Status.CONVERGED and not regular:
         raise SingularError(

@@ -5,6 +5,7 @@ A state in float32 has five to six digits where the body is well-conditioned, fe
 "mixed" corrects that state in float64; where float32 did not get through, the path goes on in float64.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -12,40 +13,34 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmyo import continuation
-from jaxmyo.continuation import Solution
+from jaxmyo.continuation import Route, Solution
 from jaxmyo.linear import Dense
 from jaxmyo.newton import NUMBERS, Settings
 from jaxmyo.status import Status
-from jaxmyo.system import Inputs
 
 #: The relative residual that a path in float32 aims at, unless `Settings.tolerance` is larger [–].
 TOLERANCE = 1e-5
 
 
-def follow(
-    exact: Dense,
-    z: Array,
-    start: Inputs,
-    end: Inputs,
-    valid: Array,
-    from_rest: Array,
-    settings: Settings,
-    moving: tuple[int, ...],
-) -> tuple[Solution, Array]:
+def follow(exact: Dense, z: Array, route: Route, settings: Settings) -> tuple[Solution, Array]:
     """As `continuation.follow` with `Dense`, inside `jit`; settings.precision is "float32" or "mixed"."""
-    rough = _in_float32(exact, z, start, end, valid, from_rest, settings, moving)
-    begin = continuation.between(jnp, start, end, rough.reached)
+    rough = _in_float32(exact, z, route, settings)
+    begin = continuation.between(jnp, route.start, route.end, rough.reached)
     if settings.precision == "float32":
         at = exact.at(rough.z, begin)
         negative, zero = exact.inertia(at, rough.z)
-        known: dict[str, Any] = {"negative": jnp.where(valid, negative, -1), "zero": jnp.where(valid, zero, -1)}
+        known: dict[str, Any] = {
+            "negative": jnp.where(route.valid, negative, -1),
+            "zero": jnp.where(route.valid, zero, -1),
+        }
         force = jnp.max(jnp.abs(at.r[: exact.system.n_u]), initial=0.0)
         known |= {"residual": at.residual, "force_residual": force, "constraint_residual": at.violation}
         return rough._replace(inputs=begin, **known), at.K
     # A start that is not known in float32, such as one with constants of 1e40, is left to float64 alone.
     usable = jnp.all(jnp.isfinite(rough.z)) & (rough.steps > rough.rejected)
-    z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, start))
-    s, K = continuation.follow(exact, z, begin, end, valid, from_rest & ~usable, settings, moving)
+    z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, route.start))
+    route = replace(route, start=begin, from_rest=route.from_rest & ~usable)
+    s, K = continuation.follow(exact, z, route, settings)
     reached = jnp.where(usable, rough.reached, 0.0)
     first = jnp.where(usable, rough.stable_until, 1.0)
     then = jnp.where(s.stable_until >= 1.0, 1.0, reached + (1.0 - reached) * s.stable_until)
@@ -54,17 +49,15 @@ def follow(
     return s._replace(reached=reached, stable_until=jnp.where(first < 1.0, first, then), **spent), K
 
 
-def _in_float32(exact: Dense, z: Array, *path: Any) -> Solution:
+def _in_float32(exact: Dense, z: Array, route: Route, settings: Settings) -> Solution:
     """The solution with all arithmetic in float32; its numbers are of JAX's float64 and int64 again."""
-    start, end, valid, from_rest, settings, moving = path
     numbers: dict[str, Any] = {name: jnp.asarray(getattr(settings, name)) for name in NUMBERS}
     for name in ("tolerance", "path_tolerance"):
         numbers[name] = jnp.maximum(numbers[name], TOLERANCE)
     numbers = jax.tree.map(_narrow, numbers)
-    lin, z, start, end, valid, from_rest = jax.tree.map(_narrow, (exact, z, start, end, valid, from_rest))
+    lin, z, route = jax.tree.map(_narrow, (exact, z, route))
     with jax.enable_x64(False):
-        path = (start, end, valid, from_rest, settings._replace(**numbers), moving)
-        solution, _ = continuation.follow(lin, z, *path)
+        solution, _ = continuation.follow(lin, z, route, settings._replace(**numbers))
     return jax.tree.map(_wide, solution)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmyo import checks, constraints, continuation, factor, fibres, lagrangian, surface, tracing
+from jaxmyo import checks, constraints, factor, fibres, lagrangian, surface, tracing
 from jaxmyo.conditions import Condition, Load, Spring, Stretch, Tie, Volume
+from jaxmyo.continuation import Route, Solution
 from jaxmyo.energies import Kind
 from jaxmyo.hexahedron import gauss, shape_gradient
 from jaxmyo.implicit import follow
@@ -73,7 +74,8 @@ def contract(
         multipliers = [start.p] if start.q is None else [start.p, start.q]
         z, begin = jnp.concatenate([unknowns(system, u, end.offset), *multipliers]), start.inputs
         valid = valid & start.converged
-    found = _solve(scene, system, z, begin, end, valid, (), settings, throw, from_rest=start is None)
+    route = Route.between(begin, end, valid, from_rest=tracing.array(np.bool_(start is None)))
+    found = _solve(scene, system, z, route, (), settings, throw)
     if start is None:
         return found
     return replace(found, status=_unless_failed(found.status, start))
@@ -94,7 +96,8 @@ def load(
     """
     system, z, begin, end, valid, loads = problem(state, conditions, start)
     origin = state if start is None else start
-    found = _solve(state.scene, system, z, begin, end, valid, loads, settings, throw, from_rest=False)
+    route = Route.between(begin, end, valid, from_rest=tracing.array(np.bool_(False)))
+    found = _solve(state.scene, system, z, route, loads, settings, throw)
     status = _unless_failed(found.status, origin, state)
     # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
     zero = jnp.maximum(found.zero_eigenvalues, state.zero_eigenvalues) if state.system.weave else found.zero_eigenvalues
@@ -315,16 +318,12 @@ def _solve(
     scene: Scene,
     system: System,
     z: Array,
-    start: Inputs,
-    end: Inputs,
-    valid: Array,
+    route: Route,
     conditions: Sequence[Load | Spring],
     settings: Settings,
     throw: bool,
-    *,
-    from_rest: bool,
 ) -> State:
-    s = follow(system, z, start, end, valid, tracing.array(np.bool_(from_rest)), settings)
+    s = follow(system, z, route, settings)
     state = as_state(scene, _fixed(system, s.status), s, tuple(conditions))
     if throw and not tracing.is_traced(s.status) and not bool(state.converged):
         raise SolveError(lambda: state.message + constraints.at_failure(system, s.z, s.inputs), state)
@@ -349,7 +348,7 @@ def _fixed(system: System, status: Array) -> System:
     return jax.tree.map(fixed, system) if system.own_geometry else system
 
 
-def as_state(scene: Scene, system: System, s: continuation.Solution, conditions: tuple[Load | Spring, ...]) -> State:
+def as_state(scene: Scene, system: System, s: Solution, conditions: tuple[Load | Spring, ...]) -> State:
     """The end of a path as a state."""
     z = tracing.known(s.z)
     to_p, to_q = system.n_u + system.n_p, system.n_u + system.n_p + system.n_q

@@ -42,7 +42,7 @@ def test_from_other_values_of_the_same_loads(contracted: jm.State, direct: jm.St
 
 @pytest.fixture
 def paths(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What each solve of a test follows: (system, z, inputs at the start, inputs at the end, ...)."""
+    """What each solve of a test follows: (system, z, route, ...)."""
     followed: list[Any] = []
     follow = implicit._compiled
     monkeypatch.setattr(implicit, "_compiled", lambda *path, **dials: followed.append(path) or follow(*path, **dials))
@@ -54,7 +54,7 @@ def test_from_a_load_on_another_face(contracted: jm.State, paths: list[Any]) -> 
     along, across = pulled(2.0, 1.0)
     first = jm.load(contracted, across)
     second = jm.load(contracted, along, start=first)
-    begin = paths[-1][2]
+    begin = paths[-1][2].start
     np.testing.assert_array_equal(np.asarray(begin.loads["nominal"]), [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_allclose(np.asarray(begin.imbalance), 0.0, atol=1e-9)
     assert "Traction('x1') 2 0 0 kPa" in repr(second)
@@ -74,7 +74,8 @@ def test_from_a_displacement_that_is_released(contracted: jm.State, direct: jm.S
     force = float(held.reaction("x1")[0])
     assert abs(force) > 1.0
     second = jm.load(contracted, *pulled(2.0, 1.0), start=held)
-    system, z, begin, end = paths[-1][:4]
+    system, z, route, *_ = paths[-1]
+    begin, end = route.start, route.end
     np.testing.assert_allclose(np.asarray(residual_of(system, z, begin)), 0.0, atol=1e-10)
     np.testing.assert_allclose(np.asarray(system.displacements(z, begin)), np.asarray(held.u), rtol=1e-12, atol=1e-14)
     # The three stretches are the unknowns, and the face's force works along 10 mm of the first.
