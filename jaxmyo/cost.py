@@ -153,12 +153,12 @@ def _what_varies(scene: Scene, system: System) -> list[NDArray[np.float64]]:
     """What the Lagrangian depends on at the Gauss points (n_elements, n_points, ...)."""
     c = scene.mesh.coordinates
     columns = np.asarray(system.columns)
-    fields = [np.asarray(system.frame), np.asarray(system.inverse_g), columns[:, :, :9]]
+    fields = [np.asarray(system.frame), np.asarray(system.inverse_g), columns[:, :, :3]]
     if c.curved:
         theta = np.asarray(system.theta)
         by_theta = evaluate(c.by_theta, theta.reshape(-1, 3)).reshape(*theta.shape, 3)
         acts = np.abs(by_theta).max(axis=(0, 1, 2)) > 0.0  # the coordinates that scale factors depend on
-        fields += [columns[:, :, 9:][:, :, acts], theta[:, :, acts]]
+        fields += [columns[:, :, 3, np.repeat(acts, system.slots)], theta[:, :, acts]]
     return fields
 
 

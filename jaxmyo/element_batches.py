@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmyo import lagrangian, points
@@ -29,7 +30,7 @@ class _Elements(NamedTuple):
     """Displacements, multipliers and geometry of elements, in lanes (points of an element, elements[, bodies]).
 
     Indices: i displacements; k their derivatives, and the value as k = 3 in curved coordinates; a nodes; b unknowns.
-    nodes: (i, a, 1, e); m: (multipliers, 1, e); columns: (i, k, b, g, e); dN: (a, k, g, e); N: (a, g, e); theta,
+    nodes: (i, a, 1, e); m: (multipliers, 1, e); columns: (k, b, g, e); dN: (a, k, g, e); N: (a, g, e); theta,
     inverse_g: (i, g, e); weight: (g, e); local: (b and multipliers, e), positions among the unknowns of the body.
     """
 
@@ -113,11 +114,6 @@ def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
         """(n_elements, ...) → (..., 1, elements)."""
         return jnp.moveaxis(jnp.repeat(x, parts, axis=0), 0, -1)[..., None, :]
 
-    n_k = system.columns.shape[2] // 3
-    H, theta = system.columns[:, :, :9], system.columns[:, :, 9:]
-    columns = H.reshape(*H.shape[:2], 3, 3, -1)
-    if n_k == 4:
-        columns = jnp.concatenate([columns, theta[:, :, :, None]], axis=3)
     nodes = system.displacements(z, inputs)[system.cells]
     place = Place(
         in_lanes(system.frame),
@@ -129,7 +125,7 @@ def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
     return _Elements(
         nodes=of_each(nodes.swapaxes(1, 2)),
         m=of_each(z[system.local_multipliers]),
-        columns=in_lanes(columns),
+        columns=in_lanes(system.columns),
         dN=in_lanes(system.dN),
         N=in_lanes(jnp.broadcast_to(system.N[None], (n_e, *system.N.shape))),
         theta=in_lanes(system.theta),
@@ -142,7 +138,7 @@ def _elements(system: System, z: Array, inputs: Inputs) -> _Elements:
 
 def _assembled(system: System, e: _Elements, x: Array) -> Array:
     """The sum (n,) or (n, n)[, bodies] of what elements have, (unknowns, e) or (unknowns, unknowns, e)[, bodies]."""
-    if len(system.cells) == 1:  # it feels all unknowns, in their order; a scatter is a loop over them
+    if system.whole:  # a scatter is a loop over the unknowns
         axes = x.ndim - e.local.ndim + 1
         whole = jnp.sum(x, axis=axes)
         beyond = system.size - len(whole)
@@ -163,14 +159,20 @@ def _forces(system: System, e: _Elements) -> Array:
     """The derivatives (unknowns, e) of the Lagrangian."""
     at, c = _at(system, e)
     by_c = points.by_c(system, c, e.place, e.weight)
-    return _first(e, points.by_y(at, by_c), by_c)
+    return _first(system, e, points.by_y(at, by_c), by_c)
 
 
-def _first(e: _Elements, by_y: Array, by_c: Array) -> Array:
-    n_k, n_g = by_y.shape[1], e.columns.shape[3]
-    each = [(i, k, g) for i in range(3) for k in range(n_k) for g in range(n_g)]
-    by_u = once(total(e.columns[i, k, :, g] * by_y[i, k, g][None] for i, k, g in each))
-    return jnp.concatenate([by_u, total(by_c[6:, g] for g in range(n_g))])
+def _first(system: System, e: _Elements, by_y: Array, by_c: Array) -> Array:
+    n_k, n_g = by_y.shape[1], e.columns.shape[2]
+    each = [(k, g) for k in range(n_k) for g in range(n_g)]
+    by_u = [total(e.columns[k, own, g] * by_y[i, k, g][None] for k, g in each) for i, own in _slots(system)]
+    return jnp.concatenate([once(jnp.concatenate(by_u)), total(by_c[6:, g] for g in range(n_g))])
+
+
+def _slots(system: System) -> list[tuple[int, slice]]:
+    """The components, and which of an element's unknowns move each."""
+    ends = np.cumsum(system.slots)
+    return [(i, slice(end - n, end)) for i, (end, n) in enumerate(zip(ends, system.slots, strict=True))]
 
 
 def _terms(system: System, e: _Elements) -> tuple[Array, Array, Array]:
@@ -178,14 +180,19 @@ def _terms(system: System, e: _Elements) -> tuple[Array, Array, Array]:
     at, c = _at(system, e)
     by_c, by_cc = points.by_c_twice(system, c, e.place, e.weight)
     by_y, by_yy, by_ym = points.by_y_twice(system.coordinates, at, by_c, by_cc)
-    n_k, n_g = by_y.shape[1], e.columns.shape[3]
-    pairs = [(i, k) for i in range(3) for k in range(n_k)]
-    each = [(i, k, g) for i, k in pairs for g in range(n_g)]
-    half = once(total(by_yy[:, :, i, k, None] * e.columns[None, None, i, k] for i, k in pairs))  # i k b
-    by_uu = once(total(e.columns[i, k, :, None, g] * half[i, k, None, :, g] for i, k, g in each))
-    by_um = once(total(e.columns[i, k, :, None, g] * by_ym[i, k, None, :, g] for i, k, g in each))
+    n_k, n_g = by_y.shape[1], e.columns.shape[2]
+    slots = _slots(system)
+    each = [(k, g) for k in range(n_k) for g in range(n_g)]
+
+    def half_of(i: int, own: slice) -> Array:  # i k b
+        return total(by_yy[:, :, i, k, None] * e.columns[None, None, k, own] for k in range(n_k))
+
+    half = once(jnp.concatenate([half_of(i, own) for i, own in slots], axis=2))
+    with_m = jnp.concatenate([half, by_ym], axis=2)
+    rows = [once(total(e.columns[k, own, None, g] * with_m[i, k, None, :, g] for k, g in each)) for i, own in slots]
+    upper = jnp.concatenate(rows)
     of_pair = points.pair(len(c))
     by_mm = total(by_cc[:, g][of_pair[6:, 6:]] for g in range(n_g))
-    upper = jnp.concatenate([by_uu, by_um], axis=1)
-    lower = jnp.concatenate([jnp.swapaxes(by_um, 0, 1), by_mm], axis=1)
-    return _first(e, by_y, by_c), jnp.concatenate([upper, lower]), points.least_J(system.coordinates, at)
+    n_u = len(upper)
+    lower = jnp.concatenate([jnp.swapaxes(upper[:, n_u:], 0, 1), by_mm], axis=1)
+    return _first(system, e, by_y, by_c), jnp.concatenate([upper, lower]), points.least_J(system.coordinates, at)

@@ -55,9 +55,11 @@ class System:
     The unknown vector is z = [displacements (n_u), p (n_p, one per patch), q (n_q, only with the weave), the pressures
     in cavities of prescribed volume (n_cavities)].
 
-    columns: (n_elements, n_points, 9 or 12, n_local) derivatives of H (9), and in curved coordinates of θ (3), by the
-    local displacements; gradient: (n_elements, n_points, 9, n_local) ∂F/∂(local displacements) at rest; local_u:
-    (n_elements, n_local) the displacements in z that an element feels; these three are None for a large body;
+    columns: (n_elements, n_points, 3 or 4, n_local) derivatives of H_i1, H_i2, H_i3, and in curved coordinates of θ_i,
+    by the local displacements, i the component that each moves; gradient: (n_elements, n_points, 9, n_local)
+    ∂F/∂(local displacements) at rest; local_u: (n_elements, n_local) the displacements in z that an element feels;
+    these three are None for a large body; slots: how many of the local displacements move each component, the first
+    ones the first; whole: whether there is one element, which feels the displacements of z in their order;
     local_multipliers: (n_elements, 1 or 2) positions in z of the element's p and q; material: (n_elements,) which of
     the `kinds` an element is made of; weight: (n_elements, n_points) [mm³]; frame: (n_elements, n_points, 3, 3);
     N: (n_points, 8); dN: (n_elements, n_points, 8, 3) ∂N/∂Θ_j / g_j(Θ) [1/mm]; theta, inverse_g: (n_elements, n_points,
@@ -73,6 +75,8 @@ class System:
     n_p: int = field(metadata={"static": True})
     n_q: int = field(metadata={"static": True})
     own_geometry: bool = field(metadata={"static": True})
+    slots: tuple[int, ...] = field(metadata={"static": True})
+    whole: bool = field(metadata={"static": True})
     columns: Array | None
     gradient: Array | None
     weight: Array
@@ -145,7 +149,8 @@ class System:
         else:
             of_body = _of_body(tracing.numpy_for(points, frame, ties.scale), scene, points)
             of_body |= {"frame": frame, "points": points, "material": scene.material, "cells": mesh.cells}
-        columns, gradient, unknowns = (None, None, None) if large else _columns(scene, ties, of_body)
+        columns, gradient, unknowns, slots = (None, None, None, ()) if large else _columns(scene, ties, of_body)
+        whole = unknowns is not None and len(unknowns) == 1 and np.array_equal(unknowns[0], np.arange(ties.size))
         n_p, n_q = int(scene.p_patches.max()) + 1, int(scene.q_patches.max()) + 1 if weave else 0
         multipliers = [ties.size + scene.p_patches] + ([ties.size + n_p + scene.q_patches] if weave else [])
         arrays: dict[str, Any] = of_body | {
@@ -159,8 +164,8 @@ class System:
             "cavities": tuple(cavities),
         }
         n_and_kinds: dict[str, Any] = {"n_u": ties.size, "n_p": n_p, "n_q": n_q, "kinds": scene.kinds}
-        own = geometry is not None
-        return cls(coordinates=mesh.coordinates, weave=weave, own_geometry=own, **n_and_kinds, **arrays)
+        n_and_kinds |= {"slots": slots, "whole": whole, "own_geometry": geometry is not None}
+        return cls(coordinates=mesh.coordinates, weave=weave, **n_and_kinds, **arrays)
 
 
 #: What is the same in all states of a body.
@@ -197,32 +202,38 @@ def _at_points(function: Any, theta: Any) -> Any:
     return found.reshape(*theta.shape[:2], *found.shape[1:])
 
 
-def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any, Any, Any]:
-    """The columns, the gradient and the unknowns of each element, see `System`."""
+def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any, Any, Any, tuple[int, ...]]:
+    """The columns, the gradient and the unknowns of each element, and the slots, see `System`."""
     mesh, coordinates = scene.mesh, scene.mesh.coordinates
     N, dN, theta, inverse_g = (of_body[name] for name in ("N", "dN", "theta", "inverse_g"))
     n_e, n_g = theta.shape[:2]
-    # The distinct unknowns of each element, padded to the longest list with columns of zeros.
-    dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(n_e, 24)
+    # The distinct unknowns of each element and component (ties join displacements of one component), padded to the
+    # longest list with columns of zeros.
+    dofs = 3 * mesh.cells[:, None, :] + np.arange(3)[:, None]
     active = ties.free[dofs]
-    lists = [np.unique(ties.index[d[a]]) for d, a in zip(dofs, active, strict=True)]
-    n_local = max(map(len, lists))
-    unknowns = np.zeros((n_e, n_local), dtype=int)
-    here: NDArray[np.float64] = np.zeros((n_e, 24, n_local))
+    lists = [
+        [np.unique(ties.index[d[a]]) for d, a in zip(*of_e, strict=True)] for of_e in zip(dofs, active, strict=True)
+    ]
+    slots = tuple(max(len(own[i]) for own in lists) for i in range(3))
+    component = np.repeat(np.arange(3), slots)
+    first = np.cumsum([0, *slots])
+    unknowns = np.zeros((n_e, len(component)), dtype=int)
+    here: NDArray[np.float64] = np.zeros((n_e, 8, len(component)))
     for e, own in enumerate(lists):
-        unknowns[e, : len(own)] = own
-        here[e, active[e], np.searchsorted(own, ties.index[dofs[e, active[e]]])] = 1.0
+        for i in range(3):
+            unknowns[e, first[i] : first[i] + len(own[i])] = own[i]
+            nodes = np.flatnonzero(active[e, i])
+            here[e, nodes, first[i] + np.searchsorted(own[i], ties.index[dofs[e, i, nodes]])] = 1.0
     xp = tracing.numpy_for(dN, theta, ties.scale)
-    slots = (here * ties.scale[dofs][:, :, None]).reshape(n_e, 8, 3, n_local)
+    moved = here * xp.swapaxes(ties.scale[dofs], 1, 2)[:, :, component]  # of each node, by each unknown
     # H_ij = Σ_a θ_ai ∂N_a/∂Θ_j / g_j(Θ), and F_ij = g_i(θ) H_ij, which at rest is δ_ij
-    columns = xp.einsum("egaj,eail->egijl", dN, slots)
-    gradient = columns / inverse_g[:, :, :, None, None]
-    by_theta = xp.einsum("ga,eail->egil", N, slots)
+    columns = xp.einsum("egaj,eal->egjl", dN, moved)
+    by_theta = xp.einsum("ga,eal->egl", N, moved)
+    is_own = np.eye(3)[:, component]
+    gradient = is_own[:, None] / inverse_g[:, :, :, None, None] * columns[:, :, None]
     if coordinates.curved:
-        by_g = _at_points(coordinates.by_theta, theta)  # ∂g_i/∂θ_k
-        diagonal = xp.einsum("egik,egkl->egil", by_g, by_theta) * inverse_g[..., None]
+        by_g = _at_points(coordinates.by_theta, theta)[..., component]  # ∂g_i/∂θ_k, k the component of the unknown
+        diagonal = by_g * by_theta[:, :, None] * inverse_g[..., None]
         gradient = gradient + diagonal[:, :, :, None] * np.eye(3)[None, None, :, :, None]
-    columns = columns.reshape(n_e, n_g, 9, n_local)
-    if coordinates.curved:
-        columns = xp.concatenate([columns, by_theta], axis=2)
-    return columns, gradient.reshape(n_e, n_g, 9, n_local), unknowns
+        columns = xp.concatenate([columns, by_theta[:, :, None]], axis=2)
+    return columns, gradient.reshape(n_e, n_g, 9, -1), unknowns, slots
