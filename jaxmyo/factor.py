@@ -228,7 +228,7 @@ class _Multigrid:
     """Smoothed aggregation (pyamg), one V-cycle per solve; its memory grows with the number of unknowns only."""
 
     name = "multigrid"
-    augmentation, iterations = 3.0, (100, 300)  # it is the better, the less the volume is held
+    augmentation, iterations = 3.0, (40, 300)  # it is the better, the less the volume is held
     inertia = (-1, -1)
 
     def __init__(self, pattern: Pattern, motions: Callable[[], Floats]) -> None:

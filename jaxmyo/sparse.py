@@ -29,6 +29,7 @@ FREE = 1e-8  # stiffness, over the largest, that tells the motions without any f
 NEAR = 5e-3  # strain, and stress over stiffness, between two states whose tangents have one inertia [–]
 SOFT = 1e-5  # stiffness of a motion, over the largest, below which linear systems may not be solved exactly [–]
 SOFTER = 0.25  # change of stiffness, as a fraction, between two tangents that may have different inertia [–]
+GAIN = 0.3  # ratio of the residuals before and after all Krylov iterations, up to which more of them are worth it [–]
 SLOW = 0.03  # ratio of the residuals of two iterations from which on a new tangent is worth its assembly [–]
 
 
@@ -358,6 +359,11 @@ class Sparse:
         if not off <= accuracy and not self.has_factors_of(K):
             self._factorise(K, mu)
             x, off = self._krylov(K, mu, b, accuracy, x)
+        while not off <= accuracy:  # once more from there, as long as that gains much
+            further, less = self._krylov(K, mu, b, accuracy, x)
+            if not less < GAIN * off:
+                break
+            x, off = further, less
         if not off <= accuracy and self.factors.sharpen():
             x, off = self._krylov(K, mu, b, accuracy, x)
         return x if off <= accuracy else np.full(b.shape, np.nan)
