@@ -162,3 +162,21 @@ def test_near_the_equilibrium_newton_keeps_the_factorised_tangent(monkeypatch: p
     assert float(at.residual) <= 1e-13
     np.testing.assert_allclose(lin.tangent(z, inputs).B.toarray(), anew.K.B.toarray(), atol=1e-14)
     sparse.forget()
+
+
+def test_krylov_iterations_go_on_as_long_as_they_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few at a time, for their memory, take several rounds, and no other load steps."""
+    pytest.importorskip("pyamg")
+    monkeypatch.setattr(solve, "LARGE", 0)
+    monkeypatch.setattr(factor, "HUGE", 0)
+
+    def stretched(iterations: tuple[int, int]) -> jm.State:
+        sparse.forget()
+        monkeypatch.setattr(factor._Multigrid, "iterations", iterations)
+        return jm.load(jm.contract(block(), T0=0.0, a_over_D=None), jm.Stretch("x", 1.2))
+
+    many, few = stretched((40, 300)), stretched((8, 8))
+    assert int(few.work["inner solves"]) > int(many.work["inner solves"])
+    assert (int(few.steps), int(few.rejected)) == (int(many.steps), 0)
+    np.testing.assert_allclose(few.u, many.u, atol=1e-11)
+    sparse.forget()
