@@ -188,7 +188,7 @@ def contraction(
     system = System.of(scene, ties, **kinds, geometry=geometry)
     at_rest = System.of(scene, scene.kinematics(()), **kinds) if tracing.is_traced(geometry) else system
     constraints.check_at_rest(scene, at_rest, a_over_D, soft=weave_stiffness is not None)
-    system = jax.device_put(system)
+    system = tracing.on_device(system)
     tensions, none = tracing.zeros(*system.weight.shape), tracing.zeros(system.size)
     inputs = Inputs(
         constants, T0_, a_over_D_, beta_, softness, tensions, tensions, ties.offset, springs, tracing.zeros(0), none
@@ -229,7 +229,7 @@ def loading(
     system = System.of(scene, ties, **kinds, geometry=geometry, like=like)
     if not tracing.is_traced((geometry, ties.scale)):
         constraints.check_at_rest(scene, system, None, soft=False)
-    return jax.device_put(system)
+    return tracing.on_device(system)
 
 
 def _geometry(

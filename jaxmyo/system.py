@@ -230,7 +230,7 @@ def _columns(scene: Scene, ties: Ties, of_body: Mapping[str, Any]) -> tuple[Any,
     columns = xp.einsum("egaj,eal->egjl", dN, moved)
     by_theta = xp.einsum("ga,eal->egl", N, moved)
     is_own = np.eye(3)[:, component]
-    gradient = is_own[:, None] / inverse_g[:, :, :, None, None] * columns[:, :, None]
+    gradient = is_own[None, None, :, None] / inverse_g[:, :, :, None, None] * columns[:, :, None]
     if coordinates.curved:
         by_g = _at_points(coordinates.by_theta, theta)[..., component]  # ∂g_i/∂θ_k, k the component of the unknown
         diagonal = by_g * by_theta[:, :, None] * inverse_g[..., None]

@@ -4,12 +4,14 @@ Of what is known, arrays and flags are made by NumPy: outside of a transformatio
 for every shape and type, which takes 20 to 50 ms.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+
+T = TypeVar("T")
 
 
 def is_traced(value: Any) -> bool:
@@ -51,6 +53,11 @@ def array(value: Any) -> Array:
 def floats(value: Any) -> Array:
     """The value as an array of float64."""
     return jnp.asarray(value, dtype=float) if is_traced(value) else array(np.asarray(value, dtype=np.float64))
+
+
+def on_device(tree: T) -> T:
+    """The tree as arrays of JAX: in one call, unless some leaves are traced, whose batches JAX wants along one axis."""
+    return jax.tree.map(jax.device_put, tree) if is_traced(tree) else jax.device_put(tree)
 
 
 def zeros(*shape: int) -> Array:

@@ -237,6 +237,22 @@ def _weighed(outputs: Any, status: Any) -> tuple[Any, Any]:
     return jnp.array([1.0, 0.3, 0.1, 0.2]) @ outputs, status
 
 
+def test_directions_of_nodes_of_a_tube_in_a_batch() -> None:
+    """A tube whose lengths all grow by a part moves by that part more: u_r is that derivative, the other is by T0."""
+    scene, T0 = jm.radial_tube(2), jnp.array(5.0)
+    points = jnp.asarray(scene.mesh.points)
+
+    def inner(points: Any, T0: Any) -> Any:
+        return jm.contract(scene, T0=T0, a_over_D=None, points=points, throw=False).u[0, 0]
+
+    u, push = jax.linearize(inner, points, T0)
+    larger = points * jnp.array([[1.0, 0.0, 1.0]])  # r and z [mm], φ stays
+    found = jax.vmap(push)(jnp.stack([larger, 0.0 * larger]), jnp.array([0.0, 1.0]))
+    h = 1e-3
+    by_T0 = (inner(points, T0 + h) - inner(points, T0 - h)) / (2.0 * h)
+    np.testing.assert_allclose(found, jnp.stack([u, by_T0]), rtol=1e-7)
+
+
 @pytest.mark.slow
 def test_hessian_in_a_batch() -> None:
     """Of the fibre tension by (T0, a/D), against the closed form at the same state: jit, vmap and grad compose."""
