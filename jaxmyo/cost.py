@@ -13,15 +13,15 @@ from jaxmyo.scene import Scene
 from jaxmyo.solve import LARGE
 from jaxmyo.system import System
 
-# Seconds of one core of an Intel Xeon (Lin–Yin law, dense: `Dense.at`, `linear.factors`, `Dense.inertia`; sparse: the
-# block of the README), measured on bodies of 5 to 904 unknowns, and of 13,000 to 101,000. They hold within a factor of
-# three there: an estimate, to compare scenes with.
-_START = 2e-4  # of a dense iteration, whatever its size
-_POINT = {"few": 2.5e-6, "many": 7e-6, "sparse": 2.4e-6}  # residual and tangent at a Gauss point
+# Seconds on an AMD EPYC (Lin–Yin law; dense: `Dense.at`, `linear.factors`, `Dense.inertia`, of one core; sparse: the
+# block of the README, on two), measured on bodies of 5 to 1,200 unknowns, and of 13,000 to 101,000. They hold within a
+# factor of three there: an estimate, to compare scenes with.
+_START = 8e-5  # of a dense iteration, whatever its size
+_POINT = {"few": 1.4e-6, "many": 2.2e-6, "sparse": 6e-7}  # residual and tangent at a Gauss point
 _FEW = 6  # unknowns of an element up to which they are few
-_LU = 1.1e-10  # dense factors, times n³
-_INERTIA = 7e-10  # the count of unstable modes at the end of a dense solve, times n³
-_NESTED = 2.3e-10  # sparse factors, times n²
+_LU = 6e-11  # dense factors, times n³
+_INERTIA = 1e-10  # the count of unstable modes at the end of a dense solve, times n³
+_NESTED = 2.4e-10  # sparse factors, times n²
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Cost:
 
     n_u, n_p, n_q: displacements, pressures, multipliers of the weave (in state A only); points: Gauss points at which
     the law is differentiated twice in each Newton iteration; solver: of the linear systems; elements, factors: seconds
-    of one iteration on one core; inertia: once in a solve.
+    of one iteration; inertia: once in a solve.
     """
 
     n_u: int
