@@ -359,11 +359,11 @@ class Sparse:
         if not off <= accuracy and not self.has_factors_of(K):
             self._factorise(K, mu)
             x, off = self._krylov(K, mu, b, accuracy, x)
-        while not off <= accuracy:  # once more from there, as long as that gains much
-            further, less = self._krylov(K, mu, b, accuracy, x)
-            if not less < GAIN * off:
-                break
-            x, off = further, less
+        gains = True
+        while gains and not off <= accuracy:  # once more from there, as long as that gains much
+            before = off
+            x, off = self._krylov(K, mu, b, accuracy, x)
+            gains = off < GAIN * before
         if not off <= accuracy and self.factors.sharpen():
             x, off = self._krylov(K, mu, b, accuracy, x)
         return x if off <= accuracy else np.full(b.shape, np.nan)

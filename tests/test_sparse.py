@@ -164,8 +164,12 @@ def test_near_the_equilibrium_newton_keeps_the_factorised_tangent(monkeypatch: p
     sparse.forget()
 
 
-def test_krylov_iterations_go_on_as_long_as_they_gain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few at a time, for their memory, take several rounds, and no other load steps."""
+@pytest.mark.parametrize("most", [6, 8])
+def test_krylov_iterations_go_on_as_long_as_they_gain(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few at a time, for their memory, take several rounds, and no other load steps.
+
+    With six, the last round of a solve gains little, and is all that was missing.
+    """
     pytest.importorskip("pyamg")
     monkeypatch.setattr(solve, "LARGE", 0)
     monkeypatch.setattr(factor, "HUGE", 0)
@@ -175,7 +179,7 @@ def test_krylov_iterations_go_on_as_long_as_they_gain(monkeypatch: pytest.Monkey
         monkeypatch.setattr(factor._Multigrid, "iterations", iterations)
         return jm.load(jm.contract(block(), T0=0.0, a_over_D=None), jm.Stretch("x", 1.2))
 
-    many, few = stretched((40, 300)), stretched((8, 8))
+    many, few = stretched((40, 300)), stretched((most, most))
     assert int(few.work["inner solves"]) > int(many.work["inner solves"])
     assert (int(few.steps), int(few.rejected)) == (int(many.steps), 0)
     np.testing.assert_allclose(few.u, many.u, atol=1e-11)
