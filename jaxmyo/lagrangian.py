@@ -29,12 +29,13 @@ def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, mat
     if len(system.kinds) == 1:
         return _of_kind(system, system.kinds[0], c, frame, T_f, T_cf, inputs.constants[0], inputs)
     # A law is asked at rest where it does not hold: there it may overflow, and 0 · ∞ come back in a derivative.
-    rest = c.at[:6].set(jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-    of_kinds = [
-        _of_kind(system, kind, jnp.where(material == k, c, rest), frame, T_f, T_cf, constants, inputs)
-        for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True))
-    ]
-    return jnp.stack(of_kinds)[material]
+    rest = jnp.concatenate([jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), c[6:]])
+    W = jnp.zeros(())
+    for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True)):
+        here = material == k
+        of_kind = _of_kind(system, kind, jnp.where(here, c, rest), frame, T_f, T_cf, constants, inputs)
+        W = jnp.where(here, of_kind, W)
+    return W
 
 
 def _of_kind(

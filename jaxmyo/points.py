@@ -7,7 +7,6 @@ batch. What is done with the 3 × 3 matrices of a point is written as sums of pr
 small matrices take several times as long.
 """
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -17,6 +16,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from jaxmyo import entries
 from jaxmyo.coordinates import Coordinates
 from jaxmyo.lagrangian import density
 from jaxmyo.lanes import constant, everywhere, once, total
@@ -87,24 +87,43 @@ def together(n_points: int) -> int:
 
 def by_c(system: System, c: Array, place: Place, weight: Array) -> Array:
     """The derivative (7 or 8, *lanes) of the density by c [kPa], times the weight (*lanes) [mm³]."""
-    return everywhere(_derivative(system), c.ndim - 1, c, place) * weight[None]
+    return _derivatives(system, c, place)[0] * weight[None]
 
 
 def by_c_twice(system: System, c: Array, place: Place, weight: Array) -> tuple[Array, Array]:
     """As `by_c`, and the second derivatives, of each `pair` once (28 or 36, *lanes)."""
-    i, j = np.triu_indices(len(c))
-    unit = jnp.eye(len(c), dtype=c.dtype)
-
-    first = _derivative(system)
-
-    def twice(c: Array, at: Place) -> tuple[Array, Array]:
-        def along(a: Array, b: Array) -> Array:
-            return jax.jvp(lambda c: jax.jvp(lambda c: density(system, c, *at), (c,), (a,))[1], (c,), (b,))[1]
-
-        return first(c, at), jax.vmap(along)(unit[i], unit[j])
-
-    by_c, by_cc = everywhere(twice, c.ndim - 1, c, place)
+    by_c, by_cc = _derivatives(system, c, place, twice=True)
     return once(by_c * weight[None]), once(by_cc * weight[None])
+
+
+def _derivatives(system: System, c: Array, place: Place, *, twice: bool = False) -> list[Array]:
+    """The derivatives of the density by c, and the second ones.
+
+    In forward mode: for so few variables it compiles and runs several times faster than reverse mode.
+    """
+
+    def energy(c: Array, at: Place) -> Array:
+        return density(system, c, *at)
+
+    lanes = c.ndim - 1
+    if program := entries.of_numbers(energy, lanes, c, place):
+        first = [entries.derivative(program, i) for i in range(len(c))]
+        second = [entries.derivative(f, j) for i, f in enumerate(first) for j in range(i, len(c)) if twice]
+        found = entries.at_lanes([*first, *second], lanes, c, place)
+        return [jnp.stack(part) for part in (found[: len(c)], found[len(c) :]) if part]
+
+    def at_point(c: Array, at: Place) -> list[Array]:
+        def along(a: Array, b: Array) -> Array:
+            return jax.jvp(lambda c: jax.jvp(lambda c: energy(c, at), (c,), (a,))[1], (c,), (b,))[1]
+
+        first = jax.jacfwd(energy)(c, at)
+        if not twice:
+            return [first]
+        unit = jnp.eye(len(c), dtype=c.dtype)
+        i, j = np.triu_indices(len(c))
+        return [first, jax.vmap(along)(unit[i], unit[j])]
+
+    return list(everywhere(at_point, lanes, c, place))
 
 
 @cache
@@ -124,18 +143,20 @@ def by_y(at: Points, by_c: Array) -> Array:
 
 def by_y_twice(c: Coordinates, at: Points, by_c: Array, by_cc: Array) -> tuple[Array, Array, Array]:
     """As `by_y`; twice (3, 3 or 4, 3, 3 or 4, *lanes); by y and the multipliers (3, 3 or 4, multipliers, *lanes)."""
-    twice, pairs = constant(_TWICE, at.lanes), pair(len(by_c))
+    F, twice = at.F, constant(_TWICE, at.lanes)
     S = once(by_c[_VOIGT] * twice)
-    by_F = total(at.F[:, k, None] * S[None, k] for k in range(3))
-    # By the components of C and F, then twice by F, in which C is quadratic.
-    by_cF = once(by_cc[pairs[:6, _VOIGT]] * twice[None])
-    by_cF = once(total(by_cF[:, k, None] * at.F[None, :, k, None] for k in range(3)))
-    by_CF = once(by_cF[_VOIGT] * twice[:, :, None, None])
-    by_FF = total(at.F[:, k, None, None, None] * by_CF[None, k] for k in range(3))
+    by_F = total(F[:, k, None] * S[None, k] for k in range(3))
+    # By c and F, then twice by F, in which C is quadratic.
+    by_cC = once(by_cc[pair(len(by_c))[:, _VOIGT]] * twice[None])
+    by_cF = once(total(F[None, :, k, None] * by_cC[:, None, k] for k in range(3)))
+
+    def by_F_column(n: int) -> Array:  # views of by_cF, where _VOIGT as an index would copy it
+        by_C = [by_cF[_VOIGT[k, n]] * _TWICE[k, n] for k in range(3)]
+        return total(F[:, k, None, None] * x[None] for k, x in enumerate(by_C))
+
+    by_FF = jnp.stack([by_F_column(n) for n in range(3)], axis=1)
     by_FF = once(by_FF + constant(np.eye(3)[:, None, :, None], at.lanes) * S[None, :, None])
-    by_Cm = once(by_cc[pairs[_VOIGT, 6:]] * twice[:, :, None])
-    by_Fm = total(at.F[:, k, None, None] * by_Cm[None, k] for k in range(3))
-    return _first(at, by_F), *_second(c, at, by_F, by_FF, by_Fm)
+    return _first(at, by_F), *_second(c, at, by_F, by_FF, jnp.moveaxis(by_cF[6:], 0, 2))
 
 
 def least_J(c: Coordinates, at: Points) -> Array:
@@ -152,16 +173,6 @@ def with_lanes(inputs: Inputs, lanes: int) -> Inputs:
     none = jnp.zeros(())
     of_density = inputs._replace(T_f=none, T_cf=none, offset=none, loads={}, volumes=none, imbalance=none)
     return jax.tree.map(lambda x: jnp.reshape(x, (*jnp.shape(x), *(1,) * lanes)), of_density)
-
-
-def _derivative(system: System) -> Callable[[Array, Place], Array]:
-    """The derivative of the density by c at one point."""
-
-    def energy(c: Array, at: Place) -> Array:
-        return density(system, c, *at)
-
-    # Forward mode: for so few variables it compiles and runs several times faster than reverse mode.
-    return jax.jacfwd(energy)
 
 
 def _first(at: Points, by_F: Array) -> Array:
