@@ -14,6 +14,8 @@ from scipy.io import netcdf_file
 
 import jaxmyo as jm
 from jaxmyo.status import Status
+from jaxmyo.studies.evaluation import LAPACK, Evaluation
+from jaxmyo.studies.identity import primitives
 
 AXES = {"a_over_D": np.linspace(0.0, 0.25, 3), "beta": [0.0, 0.1, 0.5, 1.0], "T0": 35.0}
 NAMES = ["lambda_f", "lambda_cf", "lambda_n", "T_cf", "negative_eigenvalues"]
@@ -251,6 +253,22 @@ def test_what_solve_decides_by_values_is_an_error_with_a_hint() -> None:
     with pytest.raises(jax.errors.TracerBoolConversionError) as caught:
         jm.study(lambda x: {"y": 1.0 if x > 0 else 2.0, "status": 0}, {"x": [1.0]}, units={"x": "–", "y": "–"})
     assert any("A study traces solve with JAX" in note for note in caught.value.__notes__)
+
+
+def test_which_studies_call_lapack_in_batches() -> None:
+    """Solves of a body give it a matrix at a time, a function of the user's own as many as there are points."""
+    tube = jm.radial_tube(8)
+
+    def own(x: Any) -> dict[str, Any]:
+        return {"y": jnp.linalg.eigvalsh(jnp.eye(3) * x)[0], "status": 0}
+
+    def contracted(T0: Any) -> jm.State:
+        return jm.contract(tube, T0=T0, a_over_D=0.2)
+
+    for solve, name, wanted in ((own, "x", True), (contracted, "T0", False)):
+        evaluation = Evaluation(solve, [name], None, [])
+        assert not LAPACK.isdisjoint(primitives(jax.make_jaxpr(evaluation)({name: 1.0})))
+        assert evaluation.lapack == wanted
 
 
 def test_the_result_is_plain_json_able_numpy(cheap: jm.Study) -> None:

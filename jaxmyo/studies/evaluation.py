@@ -22,7 +22,7 @@ from jaxmyo.studies.identity import primitives, program_hash
 Solve = Scene | Callable[..., Any]
 Outputs = Sequence[str] | Mapping[str, str | Callable[[Any], Any]] | None
 
-#: Operations that JAX hands to LAPACK on a CPU.
+#: Operations on matrices that JAX hands to LAPACK on a CPU.
 LAPACK = {"cholesky", "eig", "eigh", "geqrf", "hessenberg", "householder_product", "lu", "schur", "svd"}
 LAPACK |= {"triangular_solve", "tridiagonal", "tridiagonal_solve"}
 
@@ -39,7 +39,8 @@ class Evaluation:
 
     names: the parameters; outputs: their names; scenes: those of the states that the function makes; unknowns: of the
     largest of these states; large: whether they are so large that they are solved by sparse factors, outside of JAX's
-    transformations; program: a hash of what is computed; lapack: whether it calls LAPACK.
+    transformations; program: a hash of what is computed; lapack: whether a batch of points calls LAPACK with several
+    matrices at a time.
     """
 
     def __init__(self, solve: Solve, names: Sequence[str], outputs: Outputs, derivatives: Sequence[str]) -> None:
@@ -61,7 +62,7 @@ class Evaluation:
             error.add_note("A study traces solve with JAX (jit and vmap): no Python decisions by values of parameters.")
             raise
         self.program = program_hash(program)
-        self.lapack = bool(primitives(program) & LAPACK)
+        self.lapack = not self.large and not LAPACK.isdisjoint(primitives(program)) and self._lapack_in_batches()
         status = [STATUS, DERIVATIVE_STATUS] if self.by else [STATUS]
         self.shapes = {name: shapes[name] for name in (*self.outputs, *self.slopes, *status)}  # JAX sorts the names
 
@@ -103,6 +104,12 @@ class Evaluation:
             else np.full(s.shape, np.nan)
             for name, s in self.shapes.items()
         }
+
+    def _lapack_in_batches(self) -> bool:
+        """Whether a batch calls LAPACK with more than a matrix; solves of small bodies call it one by one."""
+        batch = {name: jax.ShapeDtypeStruct((2,), jnp.float64) for name in self.names}
+        found = primitives(jax.make_jaxpr(jax.vmap(self))(batch))
+        return any(axes > 2 for name, axes in found.items() if name in LAPACK)
 
     def _look(self, point: Mapping[str, Any]) -> Array:
         """A first trace, from which is known what the function returns."""

@@ -17,9 +17,9 @@ def program_hash(program: ClosedJaxpr) -> str:
     return _Hasher().closed(program)
 
 
-def primitives(program: ClosedJaxpr) -> set[str]:
-    """The names of all operations, also of programs inside of programs."""
-    names: set[str] = set()
+def primitives(program: ClosedJaxpr) -> dict[str, int]:
+    """The names of all operations, also of programs inside of programs, and the most axes of what each is done with."""
+    names: dict[str, int] = {}
     known: dict[int, Jaxpr] = {}
 
     def look(value: Any) -> None:
@@ -31,7 +31,8 @@ def primitives(program: ClosedJaxpr) -> set[str]:
         elif isinstance(value, Jaxpr) and id(value) not in known:
             known[id(value)] = value
             for eqn in value.eqns:
-                names.add(eqn.primitive.name)
+                axes = max((x.aval.ndim for x in eqn.invars if hasattr(x.aval, "ndim")), default=0)
+                names[eqn.primitive.name] = max(axes, names.get(eqn.primitive.name, 0))
                 look(list(eqn.params.values()))
 
     look(program)
