@@ -6,7 +6,7 @@ bounded strain, is cut back where Newton fails or the body jumps, and grows agai
 solution on the branch that starts at rest, which need not be the only equilibrium nor, far along, a stable one.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -127,27 +127,18 @@ class Step(NamedTuple):
     target: Target
 
 
-def between(xp: ModuleType, start: Any, end: Any, fraction: Any) -> Any:
-    """The inputs at a fraction of the way; exactly the end at 1."""
-    return jax.tree.map(lambda a, b: xp.where(fraction >= 1.0, b, a + fraction * (b - a)), start, end)
-
-
-def _differ(xp: ModuleType, start: Any, end: Any) -> Any:
-    differ = [xp.any(a != b) for a, b in zip(start, end, strict=True)]
-    return xp.any(xp.stack(differ)) if differ else xp.array(False)
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Route:
     """What a path goes along: a straight line between two inputs.
 
-    valid: false where an input is out of its range: nothing is solved then; from_rest: soft tissue moves like a root of
-    the load near rest, so the load then grows like t³; moving: positions of the leaves of the inputs that may differ,
-    the others have no part in what goes along the path.
+    start: of the leaves of the inputs that may differ at its ends, where it starts; moving: their positions, the others
+    have no part in what goes along the path; end: all inputs where it ends; valid: false where an input is out of its
+    range: nothing is solved then; from_rest: soft tissue moves like a root of the load near rest, so the load then
+    grows like t³.
     """
 
-    start: Inputs
+    start: list[Array]
     end: Inputs
     valid: Array
     from_rest: Array
@@ -157,18 +148,28 @@ class Route:
     def between(cls, start: Inputs, end: Inputs, valid: Any, *, from_rest: Any) -> "Route":
         """Leaves that are one and the same object do not move."""
         moving = leaves.true(jax.tree.map(lambda a, b: a is not b, start, end))
-        return cls(start, end, valid, from_rest, moving)
+        return cls(leaves.pick(start, moving), end, valid, from_rest, moving)
+
+    def ends(self) -> list[tuple[Array, Array]]:
+        """Of each leaf that moves."""
+        return list(zip(self.start, leaves.pick(self.end, self.moving), strict=True))
+
+    def moving_at(self, xp: ModuleType, fraction: Any) -> list[Array]:
+        """Those that move, at a fraction of the way; exactly the end at 1."""
+        return [xp.where(fraction >= 1.0, b, a + fraction * (b - a)) for a, b in self.ends()]
+
+    def inputs(self, moving: list[Array]) -> Inputs:
+        """All inputs, with these values of those that move."""
+        inputs: Inputs = leaves.put(self.end, self.moving, moving)
+        return inputs
 
 
 class Task(NamedTuple):
-    """A path: from the unknowns z to the inputs `end`; start: those that move, where the path starts. See `Route`."""
+    """A path from the unknowns z along a route."""
 
     lin: Linear
     z: Array
-    start: list[Array]
-    end: Inputs
-    valid: Array
-    from_rest: Array
+    route: Route
 
 
 def follow(lin: Linear, z: Array, route: Route, settings: Settings) -> tuple[Solution, Any]:
@@ -177,31 +178,30 @@ def follow(lin: Linear, z: Array, route: Route, settings: Settings) -> tuple[Sol
     The start itself is corrected first (at rest, the pressure of a law whose stress is p I there is found so). A path
     that comes to nothing begins anew more gently: its load was many times what stiffness there is at its start.
     """
-    xp, moving = lin.xp, route.moving
+    xp = lin.xp
     # An invalid sample of a batch stays at its start, and its own NaN must not come back.
-    known = z, leaves.pick(route.start, moving), route.end
-    z, begin, end = jax.tree.map(lambda x: xp.where(route.valid | xp.isfinite(x), x, 0.0), known)
-    task = Task(lin, z, begin, end, route.valid, route.from_rest)
+    known = z, route.start, route.end
+    z, start, end = jax.tree.map(lambda x: xp.where(route.valid | xp.isfinite(x), x, 0.0), known)
+    task = Task(lin, z, replace(route, start=start, end=end))
     if tracing.is_traced(z):
         numbers = {name: getattr(settings, name) for name in newton.NUMBERS}
 
         def walk(task: Task, numbers: dict[str, Any]) -> Walk:
-            return Walk(task, settings._replace(**numbers), moving, None)
+            return Walk(task, settings._replace(**numbers), None)
 
         found = path_queue.followed(walk, task, numbers)
     else:
         with progress.Watch(settings.time_limit, settings.progress) as watch:
-            found = path_queue.alone(Walk(task, settings, moving, watch))
-    return Walk(task, settings, moving, None).solution(found)
+            found = path_queue.alone(Walk(task, settings, watch))
+    return Walk(task, settings, None).solution(found)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """The steps of a path; moving: as in `Route`; watch: of a path outside of JAX's transformations."""
+    """The steps of a path; watch: of a path outside of JAX's transformations."""
 
     task: Task
     settings: Settings
-    moving: tuple[int, ...]
     watch: progress.Watch | None
 
     @property
@@ -210,9 +210,14 @@ class Walk:
         return self.task.lin
 
     @property
+    def route(self) -> Route:
+        """What the path goes along."""
+        return self.task.route
+
+    @property
     def valid(self) -> Array:
         """Whether all inputs are in their ranges."""
-        return self.task.valid
+        return self.route.valid
 
     def begin(self) -> Path:
         """Before the start is verified."""
@@ -247,12 +252,13 @@ class Walk:
         xp, settings = self.lin.xp, self.settings
         at_start, first_step = path.t < 0.0, path.t <= 0.0
         # Else the start, corrected, is the end.
-        moves = _differ(xp, self.task.start, leaves.pick(self.task.end, self.moving))
+        differ = [xp.any(a != b) for a, b in self.route.ends()]
+        moves = xp.any(xp.stack(differ)) if differ else xp.array(False)
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
         target = Target(
-            inputs=self._moving_at(self._fraction(t, path.gentle)),
+            inputs=self.route.moving_at(xp, self._fraction(t, path.gentle)),
             tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
             stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),
             near=~first_step,
@@ -338,7 +344,7 @@ class Walk:
         negative, zeros = lin.inertia(end.at, end.z)
         solution = Solution(
             z=end.z,
-            inputs=self._inputs(self._moving_at(reached)),
+            inputs=self.route.inputs(self.route.moving_at(xp, reached)),
             reached=reached,
             residual=end.at.residual,
             force_residual=xp.max(xp.abs(end.at.r[: lin.system.n_u]), initial=0.0),
@@ -357,21 +363,11 @@ class Walk:
 
     def target(self, step: Step) -> Target:
         """What Newton's method is to find at a step."""
-        return step.target._replace(inputs=self._inputs(step.target.inputs))
-
-    def _moving_at(self, fraction: Array) -> list[Any]:
-        """Those of the inputs that move, at a fraction of the way."""
-        found: list[Any] = between(self.lin.xp, self.task.start, leaves.pick(self.task.end, self.moving), fraction)
-        return found
-
-    def _inputs(self, moving: list[Any]) -> Inputs:
-        """All inputs, with these values of those that move."""
-        inputs: Inputs = leaves.put(self.task.end, self.moving, moving)
-        return inputs
+        return step.target._replace(inputs=self.route.inputs(step.target.inputs))
 
     def _linear_part(self, gentle: Array) -> Array:
         xp = self.lin.xp
-        return xp.where(gentle, 1e-4, xp.where(self.task.from_rest, 0.01, 1.0))
+        return xp.where(gentle, 1e-4, xp.where(self.route.from_rest, 0.01, 1.0))
 
     def _fraction(self, t: Array, gentle: Array) -> Array:
         """The part of the load at t."""
@@ -383,10 +379,9 @@ class Walk:
         lin, xp = self.lin, self.lin.xp
         c = self._linear_part(gentle)
         slope = c + 3.0 * (1.0 - c) * t**2  # of `_fraction`
-        ends = zip(self.task.start, leaves.pick(self.task.end, self.moving), strict=True)
-        still = jax.tree.map(lambda _: 0.0, self.task.end)
-        by_t = leaves.put(still, self.moving, [slope * (b - a) for a, b in ends])
-        inputs = self._inputs(self._moving_at(self._fraction(t, gentle)))
+        still = jax.tree.map(lambda _: 0.0, self.route.end)
+        by_t = leaves.put(still, self.route.moving, [slope * (b - a) for a, b in self.route.ends()])
+        inputs = self.route.inputs(self.route.moving_at(xp, self._fraction(t, gentle)))
         rate, speed = lin.rates(found.z, inputs, by_t, found.factors)
         known = xp.all(xp.isfinite(rate)) & (t < 1.0)
         return xp.where(known, rate, 0.0), xp.where(known, speed, 0.0)

@@ -25,9 +25,9 @@ TOLERANCE = 1e-5
 def follow(exact: Dense, z: Array, route: Route, settings: Settings) -> tuple[Solution, Array]:
     """As `continuation.follow` with `Dense`, inside `jit`; settings.precision is "float32" or "mixed"."""
     rough = _in_float32(exact, z, route, settings)
-    begin = continuation.between(jnp, route.start, route.end, rough.reached)
+    begin = route.moving_at(jnp, rough.reached)
     if settings.precision == "float32":
-        at = exact.at(rough.z, begin)
+        at = exact.at(rough.z, route.inputs(begin))
         negative, zero = exact.inertia(at, rough.z)
         known: dict[str, Any] = {
             "negative": jnp.where(route.valid, negative, -1),
@@ -35,7 +35,7 @@ def follow(exact: Dense, z: Array, route: Route, settings: Settings) -> tuple[So
         }
         force = jnp.max(jnp.abs(at.r[: exact.system.n_u]), initial=0.0)
         known |= {"residual": at.residual, "force_residual": force, "constraint_residual": at.violation}
-        return rough._replace(inputs=begin, **known), at.K
+        return rough._replace(inputs=route.inputs(begin), **known), at.K
     # A start that is not known in float32, such as one with constants of 1e40, is left to float64 alone.
     usable = jnp.all(jnp.isfinite(rough.z)) & (rough.steps > rough.rejected)
     z, begin = jax.tree.map(lambda a, b: jnp.where(usable, a, b), (rough.z, begin), (z, route.start))

@@ -54,7 +54,8 @@ def test_from_a_load_on_another_face(contracted: jm.State, paths: list[Any]) -> 
     along, across = pulled(2.0, 1.0)
     first = jm.load(contracted, across)
     second = jm.load(contracted, along, start=first)
-    begin = paths[-1][2].start
+    route = paths[-1][2]
+    begin = route.inputs(route.start)
     np.testing.assert_array_equal(np.asarray(begin.loads["nominal"]), [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_allclose(np.asarray(begin.imbalance), 0.0, atol=1e-9)
     assert "Traction('x1') 2 0 0 kPa" in repr(second)
@@ -75,7 +76,7 @@ def test_from_a_displacement_that_is_released(contracted: jm.State, direct: jm.S
     assert abs(force) > 1.0
     second = jm.load(contracted, *pulled(2.0, 1.0), start=held)
     system, z, route, *_ = paths[-1]
-    begin, end = route.start, route.end
+    begin, end = route.inputs(route.start), route.end
     np.testing.assert_allclose(np.asarray(residual_of(system, z, begin)), 0.0, atol=1e-10)
     np.testing.assert_allclose(np.asarray(system.displacements(z, begin)), np.asarray(held.u), rtol=1e-12, atol=1e-14)
     # The three stretches are the unknowns, and the face's force works along 10 mm of the first.
