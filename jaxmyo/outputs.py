@@ -11,6 +11,7 @@ from jaxmyo.invariants import I4, I6
 from jaxmyo.system import Inputs, System
 
 
+@jax.jit
 def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs: Inputs) -> Array:
     """S = 2 ∂W/∂C (n_elements, n_points, 3, 3) [kPa], with the pressure and the pseudo-active part.
 
@@ -27,6 +28,7 @@ def second_piola_kirchhoff(system: System, F: Array, multipliers: Array, inputs:
     return jax.vmap(points)(F, system.frame, inputs.T_f, inputs.T_cf, multipliers, system.material)
 
 
+@jax.jit
 def stored_energy(system: System, F: Array, inputs: Inputs) -> Array:
     """∫ W dV [µJ], W the law of each element's material at the activation of the state; F as above."""
 
@@ -84,6 +86,7 @@ def tensions(system: System, u: Array, q: Array, inputs: Inputs) -> tuple[Array,
     return jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(F, system.frame, of_element)
 
 
+@jax.jit
 def nodal_forces(system: System, u: Array, S: Array, pressures: Array, inputs: Inputs) -> Array:
     """Forces (n_nodes, 3) that supports exert on the nodes, internal forces less the loads.
 
