@@ -18,17 +18,18 @@ ROLLERS = (jm.Symmetry("x"), jm.Symmetry("y"), jm.Symmetry("z"))
 
 
 def of_tensors(C: Any, frame: Any, beta: Any, k: Any) -> Any:
-    """What laws are made of beside their invariants, [kPa]."""
+    """What laws are made of beside their invariants [kPa]."""
     E = 0.5 * (C - jnp.eye(3))
     E_f = frame @ E @ frame.T
     a, b, c = jnp.unstack(jnp.stack([E_f[0, 0], E_f[1, 1], E_f[2, 2]]))
-    fibre = jnp.where(a > 0.0, jnp.expm1(k * a**2), 0.0)
-    normal = jnp.cross(frame[0], frame[1])
     shear = jnp.squeeze(jnp.reshape(E_f, 9)[1:2]) + jnp.transpose(E_f)[0, 2]
-    other = jnp.einsum("i,ij,j", normal, C, normal) + jnp.trace(C) + jnp.prod(1.0 + jnp.flip(E_f[0]))
-    return (
-        fibre + b * c + shear**2 + jnp.tensordot(E, E) + jnp.sqrt(jnp.linalg.det(C)) * k + beta * jnp.sum(E**2) + other
-    )
+    return jnp.where(a > 0.0, jnp.expm1(k * a**2), 0.0) + b * c + beta * shear**2
+
+
+def of_contractions(C: Any, frame: Any, beta: Any, k: Any) -> Any:
+    """The same, by other operations."""
+    along = jnp.einsum("i,ij,j", frame[2], C, frame[2]) + jnp.trace(C) + jnp.prod(1.0 + jnp.flip(C[0]))
+    return along + jnp.tensordot(C, C) + jnp.sqrt(jnp.linalg.det(C)) * k + beta * jnp.sum(jnp.dot(C, frame[1]) ** 2)
 
 
 def softplus(C: Any, frame: Any, beta: Any, k: Any) -> Any:
@@ -53,9 +54,15 @@ CONSTANTS = {
     "lin_yin": jm.LinYin(C1p=0.3, C2p=1.2, C3p=-0.4, C4p=0.8, C1a=0.5, C2a=1.1, C3a=0.7, C4a=0.2),
     "guccione": jm.Guccione(C=0.9, bf=2.0, bt=1.0, bfs=0.6),
     "tensors": 0.7,
+    "contractions": 0.7,
 }
 
-WRITTEN = {"lin_yin": energies.lin_yin, "guccione": energies.guccione, "tensors": of_tensors}
+WRITTEN = {
+    "lin_yin": energies.lin_yin,
+    "guccione": energies.guccione,
+    "tensors": of_tensors,
+    "contractions": of_contractions,
+}
 
 
 def arguments(constants: Any) -> tuple[Any, ...]:
