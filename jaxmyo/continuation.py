@@ -118,12 +118,13 @@ class End(NamedTuple):
 class Step(NamedTuple):
     """A load step: to t, `taken` from the last state, with a guess of the unknowns there.
 
-    target: of Newton's method, with those of the inputs that move.
+    moving: the inputs there that move, see `Route`; target: of Newton's method.
     """
 
     t: Array
     taken: Array
     guess: Array
+    moving: list[Array]
     target: Target
 
 
@@ -258,12 +259,12 @@ class Walk:
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
         target = Target(
-            inputs=self.route.moving_at(xp, self._fraction(t, path.gentle)),
             tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
             stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),
             near=~first_step,
         )
-        return Step(t, taken, path.z + taken * path.rate, target)
+        moving = self.route.moving_at(xp, self._fraction(t, path.gentle))
+        return Step(t, taken, path.z + taken * path.rate, moving, target)
 
     def arrive(self, path: Path, step: Step, found: Iterate) -> Path:
         """The path after a step, which is taken or shortened."""
@@ -361,9 +362,9 @@ class Walk:
         )
         return solution, end.at.K
 
-    def target(self, step: Step) -> Target:
-        """What Newton's method is to find at a step."""
-        return step.target._replace(inputs=self.route.inputs(step.target.inputs))
+    def inputs(self, step: Step) -> Inputs:
+        """All inputs at a step."""
+        return self.route.inputs(step.moving)
 
     def _linear_part(self, gentle: Array) -> Array:
         xp = self.lin.xp

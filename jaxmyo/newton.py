@@ -18,6 +18,7 @@ from jax import Array
 from jaxmyo import control, progress, tracing
 from jaxmyo.linear import At, negligible
 from jaxmyo.status import Status
+from jaxmyo.system import Inputs
 
 #: The linear algebra of a system: `Dense` inside JAX, `Sparse` outside.
 Linear = Any
@@ -80,7 +81,7 @@ class Iterate(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What Newton's method is to find, at fixed inputs (`Inputs`; of a `continuation.Step` those that move).
+    """How near Newton's method is to come, and from where.
 
     tolerance: relative residual; stiffening: of the matrix, relative to its largest stiffness; 1e-13 keeps a singular
     tangent from dividing by zero, more bounds the correction (and the tangent of the path) where a mode has no
@@ -88,7 +89,6 @@ class Target(NamedTuple):
     Whatever needs damping there is on its way to another equilibrium.
     """
 
-    inputs: Any
     tolerance: Array
     stiffening: Array
     near: Array
@@ -105,11 +105,14 @@ def batched_as(x: Array, carry: T) -> T:
     return jax.tree.map(lambda leaf: jnp.where(x == x, leaf, leaf), carry)
 
 
-def solve(lin: Linear, z: Array, target: Target, settings: Settings) -> Iterate:
-    """The equilibrium near z. `status` is CONVERGED only if the relative residual is at most the tolerance."""
+def solve(lin: Linear, z: Array, inputs: Inputs, target: Target, settings: Settings) -> Iterate:
+    """The equilibrium near z, at fixed inputs; CONVERGED only if the relative residual is at most the tolerance."""
+
+    def further(s: Iterate) -> Iterate:
+        return look(lin, s, inputs, target, settings)
+
     start = batched_as(target.tolerance, begin(lin, z, lin.nothing(), settings))
-    found = control.loop(lambda s: goes_on(s, target, settings), lambda s: look(lin, s, target, settings), start)
-    return ended(lin, found, target)
+    return ended(lin, control.loop(lambda s: goes_on(s, target, settings), further, start), target)
 
 
 def begin(lin: Linear, z: Array, nothing: tuple[Any, Any], settings: Settings) -> Iterate:
@@ -147,7 +150,7 @@ def ended(lin: Linear, s: Iterate, target: Target) -> Iterate:
     return s._replace(status=lin.xp.where(missed, Status.TOO_MANY_ITERATIONS, s.status))
 
 
-def look(lin: Linear, s: Iterate, target: Target, settings: Settings) -> Iterate:
+def look(lin: Linear, s: Iterate, inputs: Inputs, target: Target, settings: Settings) -> Iterate:
     """Look at a trial point, then either take it and find the next correction, or halve the step.
 
     The first trial is the start itself.
@@ -155,7 +158,7 @@ def look(lin: Linear, s: Iterate, target: Target, settings: Settings) -> Iterate
     xp = lin.xp
     first = s.iteration < 0
     z = s.z + s.alpha * s.delta
-    at = lin.at(z, target.inputs)
+    at = lin.at(z, inputs)
     admissible = at.finite & (at.least_J > 0.0)
     guess = control.choose(first, lambda: s.delta, lambda: s.factors.solve(at.r, 1e-1))
     simplified, _ = lin.strain_of(guess)

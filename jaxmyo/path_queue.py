@@ -57,7 +57,8 @@ def alone(walk: Walk) -> Any:
 
     def step(path: Any) -> Any:
         step = walk.aim(path)
-        return walk.arrive(path, step, newton.solve(walk.lin, step.guess, walk.target(step), walk.settings))
+        found = newton.solve(walk.lin, step.guess, walk.inputs(step), step.target, walk.settings)
+        return walk.arrive(path, step, found)
 
     path = newton.batched_as(walk.valid, walk.begin())
     return walk.end(control.loop(walk.goes_on, step, path))
@@ -233,7 +234,7 @@ def _aimed(walk: Walk, path: Any, nothing: tuple[Any, Any]) -> tuple[Any, newton
 
 
 def _look(walk: Walk, step: Any, found: newton.Iterate) -> newton.Iterate:
-    return newton.look(walk.lin, found, walk.target(step), walk.settings)
+    return newton.look(walk.lin, found, walk.inputs(step), step.target, walk.settings)
 
 
 def _searches(walk: Walk, step: Any, found: newton.Iterate) -> Array:
