@@ -97,7 +97,7 @@ def by_c_twice(system: System, c: Array, place: Place, weight: Array) -> tuple[A
 
 
 def _derivatives(system: System, c: Array, place: Place, *, twice: bool = False) -> list[Array]:
-    """The derivatives of the density by c, and the second ones.
+    """The derivatives of the density by c, and the second ones; of a law that cannot be written out, under `vmap`.
 
     In forward mode: for so few variables it compiles and runs several times faster than reverse mode.
     """
