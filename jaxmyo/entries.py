@@ -57,8 +57,8 @@ def of_numbers(function: Callable[..., Array], lanes: int, *args: Any) -> Closed
         return None
 
     def run(*numbers: Any) -> Any:
-        parts = [_row(numbers[a:b]) for a, b in pairwise(ends)]
-        (found,) = _Writer(MOST).run(program, [x.reshape(s) for x, s in zip(parts, shapes, strict=True)])
+        parts = [numbers[a:b] for a, b in pairwise(ends)]
+        (found,) = _Writer(MOST).run(program, list(map(_array, parts, shapes)))
         return found[()]
 
     each = [x.aval.dtype for x in program.jaxpr.invars for _ in range(math.prod(x.aval.shape))]
@@ -82,8 +82,8 @@ def at_lanes(programs: Sequence[ClosedJaxpr], lanes: int, *args: Any) -> list[Ar
     """What programs of the numbers in these arguments (..., *lanes) find, each (*lanes); what they share, once."""
     rows = [x[at] for x in jax.tree.leaves(args) for at in np.ndindex(x.shape[: x.ndim - lanes])]
     every = jnp.broadcast_shapes(*map(jnp.shape, rows))
-    writer = _Writer()
-    found = [writer.run(program, [_row([x]).reshape(()) for x in rows])[0][()] for program in programs]
+    writer, numbers = _Writer(), list(map(_as_entries, rows))
+    found = [writer.run(program, numbers)[0][()] for program in programs]
     return [jnp.broadcast_to(x, every) for x in found]
 
 
@@ -97,28 +97,29 @@ def _needed(program: ClosedJaxpr) -> ClosedJaxpr:
     return program.replace(jaxpr=program.jaxpr.replace(eqns=kept[::-1]))
 
 
-def _row(numbers: Sequence[Any]) -> Entries:
-    row = np.empty(len(numbers), object)
-    for i, x in enumerate(numbers):
-        row[i] = x
-    return row
+def _array(numbers: Sequence[Any], shape: tuple[int, ...]) -> Entries:
+    entries = np.empty(len(numbers), object)
+    for i, x in enumerate(numbers):  # NumPy would take rows of lanes apart
+        entries[i] = x
+    return entries.reshape(shape)
 
 
 def _entries(x: Any) -> Entries:
     """The entries of a known array."""
-    return _row([x[at] for at in np.ndindex(np.shape(x))]).reshape(np.shape(x))
+    return _array([x[at] for at in np.ndindex(np.shape(x))], np.shape(x))
 
 
 def _as_entries(x: Any) -> Entries:
-    """An array of entries, also where NumPy made one entry of it."""
-    return x if isinstance(x, np.ndarray) and x.dtype == object else _row([x]).reshape(())
+    """An array of entries, also where it is one entry that NumPy took out of its array."""
+    return x if isinstance(x, np.ndarray) and x.dtype == object else _array([x], ())
 
 
 class _Writer:
     """Writes programs of JAX out, the same operation on the same numbers once; at most so many operations."""
 
     def __init__(self, most: float = math.inf) -> None:
-        self.known: dict[Any, tuple[Any, Any]] = {}
+        self.known: dict[Any, tuple[Any, list[Any]]] = {}
+        self.literals: dict[Any, Entries] = {}
         self.left = most
 
     def run(self, program: ClosedJaxpr, args: Sequence[Entries]) -> list[Entries]:
@@ -136,11 +137,7 @@ class _Writer:
     def _literal(self, x: Any) -> Entries:
         """A number in a program; the same one for equal ones."""
         value = np.asarray(x.val, x.aval.dtype)
-        key = "literal", value.dtype, value.shape, value.tobytes()
-        if key not in self.known:
-            self.known[key] = _entries(value), None
-        entries: Entries = self.known[key][0]
-        return entries
+        return self.literals.setdefault((value.dtype, value.shape, value.tobytes()), _entries(value))
 
     def _results(self, equation: Any, args: list[Entries]) -> list[Entries]:
         name, params = equation.primitive.name, equation.params
@@ -171,7 +168,8 @@ class _Writer:
                 self.known[key] = equation.primitive.bind(*self._alike(equation, numbers), **params), numbers
             return self.known[key][0]
 
-        return _row([entry([x[at] for x in args]) for at in np.ndindex(args[0].shape)]).reshape(args[0].shape)
+        shape = args[0].shape
+        return _array([entry([x[at] for x in args]) for at in np.ndindex(shape)], shape)
 
     def _alike(self, equation: Any, numbers: list[Any]) -> list[Any]:
         """The numbers of an operation, as rows of the same lanes."""

@@ -27,7 +27,7 @@ def of_tensors(C: Any, frame: Any, beta: Any, k: Any) -> Any:
 
 
 def of_contractions(C: Any, frame: Any, beta: Any, k: Any) -> Any:
-    """The same, by other operations."""
+    """Sums and products over whole tensors [kPa]."""
     along = jnp.einsum("i,ij,j", frame[2], C, frame[2]) + jnp.trace(C) + jnp.prod(1.0 + jnp.flip(C[0]))
     return along + jnp.tensordot(C, C) + jnp.sqrt(jnp.linalg.det(C)) * k + beta * jnp.sum(jnp.dot(C, frame[1]) ** 2)
 

@@ -19,8 +19,8 @@ def test_examples_of_the_readme(
     printed = capsys.readouterr().out
     assert "mean stretches 0.71837, 0.95894, 1.45166" in printed
     numbers = np.array(re.findall(r"\d+\.\d*(?:e[+-]\d+)?", printed), float)
-    for stress in (38.9577, 24.2516):  # [kPa], along and across the fibres
-        assert np.abs(numbers - stress).min() < 1e-4
+    for stress in (38.95775, 24.25157):  # [kPa], along and across the fibres
+        assert np.abs(numbers - stress).min() < 2e-5
     assert "1000 CONVERGED" in printed
     assert "Study of 60 samples (grid: a_over_D 6 × T0 10), 60 converged" in printed
     assert "C1p = 0.3658" in printed
