@@ -57,6 +57,23 @@ def _forces(system: System, e: Elements, u: Any, m: Any, inputs: Inputs) -> tupl
     return jax.lax.map(block, (e, m, (inputs.T_f, inputs.T_cf)))
 
 
+@partial(jax.jit, compiler_options=compiler.LEAN)
+def _changes(system: System, e: Elements, u: Any, m: Any, inputs: Inputs, du: Any, dm: Any) -> tuple[Any, Any]:
+    """The change of the forces and constraints of `_forces` with (u, m)."""
+
+    def block(at: tuple[Any, ...]) -> tuple[Any, Any]:
+        e, m, dm, T = at
+
+        def forces(u: Any, m: Any) -> tuple[Any, Any]:
+            r, r_m, _ = element_blocks.forces(system, e, u, m, _with_tensions(inputs, T))
+            return r, r_m
+
+        change: tuple[Any, Any] = jax.jvp(forces, (u, m), (du, dm))[1]
+        return change
+
+    return jax.lax.map(block, (e, m, dm, (inputs.T_f, inputs.T_cf)))
+
+
 def _with_tensions(inputs: Inputs, T: tuple[Array, Array]) -> Inputs:
     return inputs._replace(T_f=T[0], T_cf=T[1])
 
@@ -201,6 +218,20 @@ class Assembly:
             r += np.bincount(self.tie_index, -self.tie_scale * np.asarray(at_nodes).ravel(), len(r))
             r[len(r) - len(volumes) :] += np.asarray(inputs.volumes) - np.asarray(volumes)
         return r, least_J
+
+    def product(self, u: Floats, z: Floats, inputs: Inputs, x: Floats) -> Floats:
+        """The product of the tangent of the elements and (u, m), without any matrix: the derivative along it."""
+        common, tensions = self._split(inputs)
+        x = np.append(x, np.zeros(self.system.size - len(x)))  # of the pressures in cavities
+        du = (self.tie_scale * x[self.tie_index]).reshape(-1, 3)
+
+        def compute(e: Elements, m: Floats, dm: Floats, T: tuple[Any, Any]) -> tuple[Any, Any]:
+            return _changes(self._shared, e, u, m, _with_tensions(common, T), du, dm)
+
+        y = np.zeros(self.system.size + 1)
+        for chunk, (r, r_m) in self._each(compute, (self._multipliers(z), self._multipliers(x), tensions)):
+            self.add_to(y, chunk, r, r_m)
+        return y[: self.system.size - len(self.system.cavities)]
 
     def rates(self, u: Floats, z: Floats, inputs: Inputs, by_t: Inputs) -> Floats:
         """The change (n,) of the residual with the inputs, prescribed displacements among them.

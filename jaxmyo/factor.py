@@ -4,7 +4,6 @@ Pardiso where it is installed (`jaxmyo[fast]`), else SciPy; pyamg for what the f
 """
 
 import ctypes
-import os
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -12,13 +11,11 @@ from threading import Thread, current_thread
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from jaxmyo import checks
-from jaxmyo.pattern import Pattern
-
-Floats = NDArray[np.float64]
+from jaxmyo import mkl
+from jaxmyo.multigrid import Multigrid
+from jaxmyo.pattern import Floats, Pattern
 
 #: Displacements from which on direct factors would need tens of gigabytes [–].
 HUGE = 400_000
@@ -65,15 +62,15 @@ def solver(pattern: Pattern, like: Floats, motions: Callable[[], Floats]) -> Sol
     like: the entries (nnz,) of a definite matrix with the same units; motions: the rigid ones (n_u, 6).
     """
     kind = chosen(pattern.n_u)
-    if kind is _Multigrid:
-        return _Multigrid(pattern, motions)
+    if kind is Multigrid:
+        return Multigrid(pattern, motions)
     return _Pardiso(pattern, like) if kind is _Pardiso else _SuperLU(pattern)
 
 
 def chosen(n_u: int) -> Any:
     """The kind of solver for so many displacements."""
     if n_u > HUGE:
-        return _Multigrid
+        return Multigrid
     try:
         _pardiso()
     except ImportError:
@@ -174,15 +171,8 @@ class _Pardiso:
 
 @cache
 def _pardiso() -> Any:
-    """The function of MKL. pypardiso takes a fifth of a second to find the library, and does so when it is imported.
-
-    MKL's threads wait busily for their next call, for 200 ms unless the environment variable KMP_BLOCKTIME says
-    otherwise, and take a core from JAX's. It is set to 5 ms here, unless the user has set it.
-    """
-    os.environ.setdefault("KMP_BLOCKTIME", "5")
-    from pypardiso import ps
-
-    function = ps.libmkl["pardiso"]  # one of our own: each access makes another
+    """The function of MKL; ImportError where it is not installed."""
+    function = mkl.library()["pardiso"]  # one of our own: each access makes another
     function.restype = None
     return function
 
@@ -222,37 +212,3 @@ class _SuperLU:
 
     def free(self) -> None:
         self._lu = None
-
-
-class _Multigrid:
-    """Smoothed aggregation (pyamg), one V-cycle per solve; its memory grows with the number of unknowns only."""
-
-    name = "multigrid"
-    augmentation, iterations = 3.0, (40, 300)  # it is the better, the less the volume is held
-    inertia = (-1, -1)
-
-    def __init__(self, pattern: Pattern, motions: Callable[[], Floats]) -> None:
-        try:
-            import pyamg
-        except ModuleNotFoundError as error:
-            raise checks.missing(error, f"a body of {pattern.n_u} unknowns needs", "pyamg") from error
-        self._build, self._pattern, self._motions = pyamg.smoothed_aggregation_solver, pattern, motions()
-        self._cycle: Any = None
-        self.size: dict[str, float] = {}
-
-    def factorise(self, data: Floats) -> None:
-        matrix = self._pattern.full(data)
-        if self._pattern.n_u % 3 == 0:
-            matrix = matrix.tobsr((3, 3))
-        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
-        self._cycle = self._build(matrix, B=self._motions, presmoother=smoother, postsmoother=smoother)
-        self._cycle = self._cycle.aspreconditioner(cycle="V")
-
-    def solve(self, b: Floats) -> Floats:
-        return np.asarray(self._cycle @ b)
-
-    def sharpen(self) -> bool:
-        return False
-
-    def free(self) -> None:
-        self._cycle = None

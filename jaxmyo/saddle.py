@@ -9,6 +9,7 @@ up to a remainder of 1/γ, which a few Krylov iterations on the saddle system it
 always that of the saddle system.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,13 @@ from scipy.sparse.linalg import LinearOperator, gcrotmk
 from threadpoolctl import ThreadpoolController
 
 from jaxmyo import factor
-from jaxmyo.pattern import Floats, Pattern
+from jaxmyo.pattern import Floats
 from jaxmyo.system import Inputs
+
+SINGLE = 1e-4  # relative residual that Krylov iterations in single precision reach [–]
+ROUNDS = 1, 10  # of them that are worth it, with a preconditioner of another tangent, and with its own
+
+Product = Callable[[Floats], Floats]
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 
@@ -81,10 +87,21 @@ class Factored:
         return np.concatenate([u, K.W * (K.B @ u - m), in_cavities])
 
 
+def augmented(K: Tangent, times: Product) -> Product:
+    """The product of the elements' part of K and (u, m), by that of Â and u."""
+
+    def product(x: Floats) -> Floats:
+        u, m = x[: len(x) - len(K.W)], x[len(x) - len(K.W) :]
+        Bu = K.B @ u
+        return np.concatenate([times(u) + K.B.T @ (m - K.W * Bu), Bu + K.D * m])
+
+    return product
+
+
 def solve(
     K: Tangent,
-    pattern: Pattern,
-    data: Floats,
+    of_elements: Product,
+    single: Product | None,
     by: Factored,
     s: Floats,
     b: Floats,
@@ -93,31 +110,58 @@ def solve(
 ) -> tuple[Floats, float, int]:
     """The solution x (n,) of a saddle system, its relative residual, and the number of iterations.
 
-    data: (nnz,) upper triangle of the augmented matrix, that of K or a stiffer one; by: the preconditioner, of K or of
-    a tangent like it; s: (n,) scales, residuals are measured as s · b; accuracy: the relative residual that is aimed
-    at; guess: of x.
+    of_elements: the product of the elements' part of K, or of a stiffer matrix, and (u, m); by: the preconditioner, of
+    K or of a tangent like it; s: (n,) scales, residuals are measured as s · b; accuracy: the relative residual that is
+    aimed at; guess: of x; single: as of_elements, but cheap and of single precision, where of_elements is matrix-free.
     """
-    n_u, n_m, count = pattern.n_u, len(K.W), 0
-    upper, diagonal = pattern.matrix(data), data[pattern.diagonal]
-    lower = upper.T
+    most, count = by.factors.iterations[by.K is K], 0
 
-    def apply(x: Floats) -> Floats:
-        u, m, P = x[:n_u], x[n_u : n_u + n_m], x[n_u + n_m :]
-        Bu = K.B @ u
-        forces = upper @ u + lower @ u - diagonal * u + K.B.T @ (m - K.W * Bu) + P @ K.walls
-        if K.loads is not None:
-            forces -= K.loads @ u
-        return np.concatenate([forces, Bu + K.D * m, K.walls @ u])
-
-    def precondition(r: Floats) -> Floats:
+    def precondition(r: Any) -> Any:
         nonlocal count
         count += 1
         return by.solve(r / s) / s
 
     with _BLAS.limit(limits=1):  # its threads only wait for each other here
-        A = LinearOperator((len(b), len(b)), lambda y: s * apply(s * y), dtype=float)
-        P = LinearOperator((len(b), len(b)), precondition, dtype=float)
-        most, start = by.factors.iterations[by.K is K], None if guess is None else guess / s
-        y, _ = gcrotmk(A, s * b, x0=start, rtol=accuracy, atol=0.0, maxiter=1, m=most, k=0, M=P)
-        size = factor.norm(s * b)
-        return s * y, float(factor.norm(A @ y - s * b) / size) if size else 0.0, count
+        A, M = _operator(K, of_elements, s, np.float64), LinearOperator((len(b), len(b)), precondition, dtype=float)
+        start = np.zeros(len(b)) if guess is None else guess / s
+        r = s * b if guess is None else s * b - A @ start
+        aim, left = accuracy * factor.norm(s * b), factor.norm(r)
+        if left > aim:
+            if single is not None:
+                M = _in_rounds(_operator(K, single, s, np.float32), M, most, aim / left)
+                most = ROUNDS[by.K is K]
+            y, _ = gcrotmk(A, r, rtol=0.0, atol=aim, maxiter=1, m=most, k=0, M=M)
+            start, left = start + y, factor.norm(r - A @ y)
+        return s * start, left * accuracy / aim if aim else 0.0, count
+
+
+def _operator(K: Tangent, of_elements: Product, s: Floats, dtype: Any) -> LinearOperator:
+    """s · K · s."""
+    n_u, end = len(s) - len(K.walls) - len(K.W), len(s) - len(K.walls)
+
+    def product(y: Any) -> Any:
+        x = s * y
+        f = np.concatenate([of_elements(x[:end]), K.walls @ x[:n_u]])
+        f[:n_u] += x[end:] @ K.walls
+        if K.loads is not None:
+            f[:n_u] -= K.loads @ x[:n_u]
+        return (s * f).astype(dtype)
+
+    return LinearOperator((len(s), len(s)), product, dtype=dtype)
+
+
+def _in_rounds(A: LinearOperator, M: LinearOperator, most: int, accuracy: float) -> LinearOperator:
+    """The preconditioner of a matrix-free solve: each of its iterations is a round of them in single precision.
+
+    A: the matrix in single precision, with which an iteration costs as little as its preconditioner M; most: of them.
+    """
+    left = 1.0
+
+    def solution(r: Any) -> Any:
+        nonlocal left
+        size, aim = factor.norm(r), min(max(0.5 * accuracy / left, SINGLE), 0.1)
+        left *= aim
+        y, _ = gcrotmk(A, (r / size).astype(np.float32), rtol=aim, atol=0.0, maxiter=1, m=most, k=0, M=M)
+        return size * y.astype(np.float64)
+
+    return LinearOperator(A.shape, solution, dtype=np.float64)

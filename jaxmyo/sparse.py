@@ -5,7 +5,7 @@ One factorisation serves as the preconditioner of several Newton steps, as long 
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,9 +14,10 @@ import jax
 import numpy as np
 import scipy.sparse as sp
 
-from jaxmyo import checks, factor, lagrangian, linear, memory, saddle
+from jaxmyo import checks, factor, lagrangian, linear, memory, multigrid, saddle
 from jaxmyo.assembly import Assembly
 from jaxmyo.linear import At, Scales
+from jaxmyo.multigrid import Multigrid
 from jaxmyo.pattern import DIAGONAL, Floats, distinct
 from jaxmyo.saddle import Factored, Tangent
 from jaxmyo.status import SingularError
@@ -72,6 +73,7 @@ class Sparse:
         self._stiffness = 0.0  # of the body [kPa]; 0 before it is known
         self._factored: Factored | None = None
         self._stiffened = False
+        self._single: tuple[Tangent, float, saddle.Product] | None = None  # the last one of single precision
         self._compared: Tangent | None = None
         self._apart = np.inf
         self._known: tuple[Floats, Inputs, At] | None = None  # a path often begins where the last one ended
@@ -349,7 +351,7 @@ class Sparse:
     def release(self) -> None:
         """Free the factors; they are made anew when they are needed."""
         self.factors.free()
-        self._factored = None
+        self._factored = self._single = None
 
     def solve(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None, last: bool) -> Floats:
         """The solution x of (K + μ·metric) x = b to a relative residual; NaN if it is not reached."""
@@ -398,15 +400,38 @@ class Sparse:
     def _krylov(self, K: Tangent, mu: float, b: Floats, accuracy: float, guess: Floats | None) -> tuple[Floats, float]:
         """x, aimed at that accuracy, and its relative residual; preconditioned by the factors that are there."""
         assert self._factored is not None
-        data = K.data + mu * self._metric if mu else K.data
         with self._timed("inner solves"):
             # In y = x / s strains and stresses count alike, whatever the units and the size of the elements.
             s = np.where(np.arange(len(b)) < self.system.n_u, self.scale.unit, self._stiffness)
             s = s / np.sqrt(self.scale.volume)
-            x, off, count = saddle.solve(K, self.pattern, data, self._factored, s, b, accuracy, guess)
+            x, off, count = saddle.solve(K, *self._products(K, mu), self._factored, s, b, accuracy, guess)
         self._counts["inner solves"] += 1
         self._counts["inner iterations"] += count
         return x, off
+
+    def _products(self, K: Tangent, mu: float) -> tuple[saddle.Product, saddle.Product | None]:
+        """Of the elements' part of K + μ·metric and (u, m): exact, and cheap where the exact one is matrix-free."""
+        data, n_u = K.data + mu * self._metric if mu else K.data, self.system.n_u
+        if not isinstance(self.factors, Multigrid):
+            return saddle.augmented(K, self._matrix(data)), None
+        at, metric = self._displacements(K.z, K.inputs), self._matrix(self._metric)
+        if self._single is None or self._single[:2] != (K, mu):
+            self._single = None  # first, for its memory
+            self._single = (K, mu, multigrid.symmetric(self.pattern, data))
+
+        def product(x: Floats) -> Floats:
+            y = self.assembly.product(at, K.z, K.inputs, x)
+            if mu:
+                y[:n_u] += mu * metric(x[:n_u])
+            return y
+
+        return product, saddle.augmented(K, self._single[2])
+
+    def _matrix(self, data: Floats) -> Callable[[Floats], Floats]:
+        """The product of the symmetric matrix with these entries and u."""
+        upper, diagonal = self.pattern.matrix(data), data[self.pattern.diagonal]
+        lower = upper.T
+        return lambda u: upper @ u + lower @ u - diagonal * u
 
 
 _known: list[Sparse] = []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmyo as jm
-from jaxmyo import factor, solve, sparse
+from jaxmyo import factor, multigrid, solve, sparse
 from jaxmyo.invariants import I1, I3, I4
 from jaxmyo.mesh import jitter
 from jaxmyo.status import SingularError
@@ -28,6 +28,7 @@ def sparse_only(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
     if request.param == "multigrid":
         pytest.importorskip("pyamg")
         monkeypatch.setattr(factor, "HUGE", 0)
+        monkeypatch.setattr(multigrid, "COARSEST", 10)
     yield
     sparse.forget()
 

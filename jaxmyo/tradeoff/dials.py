@@ -80,7 +80,7 @@ def applied(dials: Dials) -> Iterator[None]:
     """Those dials of sparse solves that no setting names: they are chosen by size, or as Newton's method goes along."""
     with ExitStack() as stack:
         if dials.solver not in ("", "dense"):
-            kind = {"SuperLU": factor._SuperLU, "multigrid": factor._Multigrid}.get(dials.solver, factor._Pardiso)
+            kind = {"SuperLU": factor._SuperLU, "multigrid": factor.Multigrid}.get(dials.solver, factor._Pardiso)
             stack.enter_context(patch.object(solve, "LARGE", 0))
             stack.enter_context(patch.object(factor, "chosen", lambda n_u: kind))
         if dials.solver == "Pardiso, float64":
