@@ -157,6 +157,7 @@ def test_more_random_problems(kind: str, weave: bool) -> None:
     """The few tubes whose load is steeper than float64 resolves are named; a tube may be beyond a limit point."""
     found = outcome(kind, weave, 500, seed=7)
     assert_sound(found)
+    assert (found.reference_A.end != End.LOST).all()
     for state in "AC":
         count = tables.counts(found, state)
         assert count.missed <= 0.01 * count.solvable

@@ -117,8 +117,9 @@ def _system(body: Body, y: Array, begin: Drive, end: Drive) -> tuple[Array, Arra
 def _tangent(body: Body, y: Array, begin: Drive, end: Drive, along: Array | None) -> Array:
     """dy of the strain 1 along the branch, with a positive ds, or in the direction `along`."""
     _, K, by_s = _system(body, y, begin, end)
-    n_u, stiff = body.n_u, np.max(np.abs(K), axis=(1, 2))
+    n_u = body.n_u
     if along is None:
+        stiff = np.max(np.abs(K[:, :n_u, :n_u]), axis=(1, 2))  # without the constraints, which have other units
         square = np.einsum("ngi,ngia->na", np.ones((*body.weight.shape, 3)), body.B**2)
         K = K.copy()
         K[:, range(n_u), range(n_u)] += 1e-6 * (stiff / np.max(square, axis=1))[:, None] * square
