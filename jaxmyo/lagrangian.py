@@ -7,6 +7,7 @@ is small: twice in the six components of C and the multipliers, then carried to 
 F = diag(g(θ)) · H with H = ∂θ/∂Θ · diag(1/g(Θ)), see `jaxmyo.coordinates`; in Cartesian coordinates H is F.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -26,16 +27,33 @@ def density(system: System, c: Array, frame: Array, T_f: Array, T_cf: Array, mat
 
     State A has the weave with its multiplier q; state C has the tensions that it left.
     """
-    if len(system.kinds) == 1:
-        return _of_kind(system, system.kinds[0], c, frame, T_f, T_cf, inputs.constants[0], inputs)
-    # A law is asked at rest where it does not hold: there it may overflow, and 0 · ∞ come back in a derivative.
     rest = jnp.concatenate([jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), c[6:]])
-    W = jnp.zeros(())
+
+    def of_kind(kind: Kind, constants: Any, c: Array) -> Array:
+        return _of_kind(system, kind, c, frame, T_f, T_cf, constants, inputs)
+
+    return of_material(system, material, inputs, of_kind, c, rest)
+
+
+def of_material(
+    system: System,
+    material: Array,
+    inputs: Inputs,
+    of_kind: Callable[[Kind, Any, Array], Array],
+    deformation: Array,
+    rest: Array,
+) -> Array:
+    """A scalar (kind, constants, deformation) ↦ … of the kind that a point's material is.
+
+    The other kinds are asked at rest: where they do not hold they may overflow, and 0 · ∞ come back in a derivative.
+    """
+    if len(system.kinds) == 1:
+        return of_kind(system.kinds[0], inputs.constants[0], deformation)
+    found = jnp.zeros(())
     for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True)):
         here = material == k
-        of_kind = _of_kind(system, kind, jnp.where(here, c, rest), frame, T_f, T_cf, constants, inputs)
-        W = jnp.where(here, of_kind, W)
-    return W
+        found = jnp.where(here, of_kind(kind, constants, jnp.where(here, deformation, rest)), found)
+    return found
 
 
 def _of_kind(

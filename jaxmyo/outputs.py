@@ -1,12 +1,14 @@
 """Fields of a state, from its displacements and multipliers: stresses, stretches, nodal forces."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from jaxmyo import lagrangian, surface
 from jaxmyo.coordinates import CARTESIAN
-from jaxmyo.energies import weave
+from jaxmyo.energies import Kind, weave
 from jaxmyo.invariants import I4, I6
 from jaxmyo.system import Inputs, System
 
@@ -33,16 +35,10 @@ def stored_energy(system: System, F: Array, inputs: Inputs) -> Array:
     """∫ W dV [µJ], W the law of each element's material at the activation of the state; F as above."""
 
     def point(F: Array, frame: Array, material: Array) -> Array:
-        of_kinds = [
-            kind.law(
-                jnp.where(material == k, F.T @ F, jnp.eye(3)),  # see `lagrangian.density`
-                frame,
-                inputs.beta if kind.active else jnp.zeros_like(inputs.beta),
-                constants,
-            )
-            for k, (kind, constants) in enumerate(zip(system.kinds, inputs.constants, strict=True))
-        ]
-        return jnp.stack(of_kinds)[material]
+        def law(kind: Kind, constants: Any, C: Array) -> Array:
+            return kind.law(C, frame, inputs.beta if kind.active else jnp.zeros_like(inputs.beta), constants)
+
+        return lagrangian.of_material(system, material, inputs, law, F.T @ F, jnp.eye(3))
 
     W = jax.vmap(jax.vmap(point, in_axes=(0, 0, None)))(F, system.frame, system.material)
     return jnp.sum(system.weight * W)

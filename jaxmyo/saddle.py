@@ -126,13 +126,15 @@ def solve(
         start = np.zeros(len(b)) if guess is None else guess / s
         r = s * b if guess is None else s * b - A @ start
         aim, left = accuracy * factor.norm(s * b), factor.norm(r)
+        if aim == 0.0:
+            return np.zeros_like(b), 0.0, 0
         if left > aim:
             if single is not None:
                 M = _in_rounds(_operator(K, single, s, np.float32), M, most, aim / left)
                 most = ROUNDS[by.K is K]
             y, _ = gcrotmk(A, r, rtol=0.0, atol=aim, maxiter=1, m=most, k=0, M=M)
             start, left = start + y, factor.norm(r - A @ y)
-        return s * start, left * accuracy / aim if aim else 0.0, count
+        return s * start, left * accuracy / aim, count
 
 
 def _operator(K: Tangent, of_elements: Product, s: Floats, dtype: Any) -> LinearOperator:
