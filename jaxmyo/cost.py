@@ -9,19 +9,21 @@ from jaxmyo.conditions import Displacement, Homogeneous, Planar, Proportional, S
 from jaxmyo.coordinates import evaluate
 from jaxmyo.factor import chosen
 from jaxmyo.linear import Dense
+from jaxmyo.multigrid import Multigrid
 from jaxmyo.scene import Scene
 from jaxmyo.solve import LARGE
 from jaxmyo.system import System
 
 # Seconds on an AMD EPYC (Lin–Yin law; dense: `Dense.at`, `linear.factors`, `Dense.inertia`, of one core; sparse: the
-# block of the README, on two), measured on bodies of 5 to 1,200 unknowns, and of 13,000 to 101,000. They hold within a
-# factor of three there: an estimate, to compare scenes with.
+# block of the README, on two), measured on bodies of 5 to 1,200 unknowns, and of 13,000 to 101,000, multigrid on the
+# latter and on 811,000. They hold within a factor of three there: an estimate, to compare scenes with.
 _START = 8e-5  # of a dense iteration, whatever its size
 _POINT = {"few": 1.4e-6, "many": 2.2e-6, "sparse": 6e-7}  # residual and tangent at a Gauss point
 _FEW = 6  # unknowns of an element up to which they are few
 _LU = 6e-11  # dense factors, times n³
 _INERTIA = 1e-10  # the count of unstable modes at the end of a dense solve, times n³
 _NESTED = 2.4e-10  # sparse factors, times n²
+_CYCLES = 6.5e-7  # multigrid, times n^(4/3): more iterations on finer meshes
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,9 @@ def cost(scene: Scene) -> Cost:
     points = len(scene.mesh.cells) * int(np.prod(scene.orders))
     size = n_u + n_p + n_q
     if n_u > LARGE:
-        solver = chosen(n_u).name
-        return Cost(n_u, n_p, n_q, points, solver, points * _POINT["sparse"], _NESTED * n_u**2, 0.0)
+        solver = chosen(n_u)
+        factors = _CYCLES * n_u ** (4 / 3) if solver is Multigrid else _NESTED * n_u**2
+        return Cost(n_u, n_p, n_q, points, solver.name, points * _POINT["sparse"], factors, 0.0)
     tied = any(isinstance(s, Uniform | Proportional | Homogeneous) for s in scene.supports)
     at_points = points * _POINT["few" if tied and n_u <= _FEW * len(scene.mesh.cells) else "many"]
     return Cost(n_u, n_p, n_q, points, Dense.name, _START + at_points, _LU * size**3, _INERTIA * size**3)

@@ -30,7 +30,10 @@ class _Description(ctypes.Structure):
     _fields_ = (("type", ctypes.c_int), ("mode", ctypes.c_int), ("diag", ctypes.c_int))
 
 
+# Numbers of MKL's enumerations in mkl_spblas.h: kinds of matrix (the symmetric one by its upper triangle, diagonal
+# included), indices from zero, blocks by rows, and a product with the matrix as it is.
 _GENERAL, _SYMMETRIC = _Description(20, 0, 0), _Description(21, 41, 50)
+_FROM_ZERO, _BY_ROWS, _AS_IT_IS = 0, 101, 10
 
 
 class Matrix:
@@ -47,7 +50,9 @@ class Matrix:
         self._data = matrix.data.astype(np.float32)
         starts, self._indices = (x.astype(np.int32) for x in (matrix.indptr, matrix.indices))
         self._starts = starts  # MKL holds on to the arrays
-        counts = (0, 101, rows, matrix.shape[1] // size, size) if size > 1 else (0, rows, matrix.shape[1])
+        counts = (
+            (_FROM_ZERO, _BY_ROWS, rows, matrix.shape[1] // size, size) if size > 1 else (_FROM_ZERO, *matrix.shape)
+        )
         of_bsr, of_csr, self._multiply, destroy = _functions()
         create = of_bsr if size > 1 else of_csr
         arrays = (starts[:-1], starts[1:], self._indices, self._data)
@@ -57,7 +62,7 @@ class Matrix:
 
     def __matmul__(self, x: NDArray[np.float32]) -> NDArray[np.float32]:
         x, y = np.ascontiguousarray(x, dtype=np.float32), np.empty(self.shape[0], np.float32)
-        _checked(self._multiply(10, 1.0, self._handle, self._kind, x.ctypes.data, 0.0, y.ctypes.data))
+        _checked(self._multiply(_AS_IT_IS, 1.0, self._handle, self._kind, x.ctypes.data, 0.0, y.ctypes.data))
         return y
 
 

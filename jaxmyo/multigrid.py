@@ -27,7 +27,7 @@ class Multigrid:
     """Smoothed aggregation, one V-cycle per solve; a `factor.Solver`."""
 
     name = "multigrid"
-    augmentation, iterations = 10.0, (60, 200)  # it is the better, the less the volume is held
+    augmentation, iterations = 10.0, (30, 200)  # it is the better, the less the volume is held
     inertia = (-1, -1)
 
     def __init__(self, pattern: Pattern, motions: Callable[[], Floats]) -> None:
