@@ -19,6 +19,8 @@ from jaxmyo.newton import Iterate, Linear, Settings, Target
 from jaxmyo.status import Status
 from jaxmyo.system import Inputs
 
+#: The root-mean-square strain from which on a body has moved [–].
+MOVED = 1e-3
 #: A path that ends so near to the limit point that its last states tell, in t, has come to it.
 NEAR_LIMIT = 1e-6
 
@@ -258,10 +260,12 @@ class Walk:
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
+        # Near rest there may be no stiffness, and the first step has no meaning; a body that has moved knows its way.
+        moved = ~at_start & (self.lin.strain_of(path.z)[0] > MOVED)
         target = Target(
             tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
             stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),
-            near=~first_step,
+            near=~first_step | moved,
         )
         moving = self.route.moving_at(xp, self._fraction(t, path.gentle))
         return Step(t, taken, path.z + taken * path.rate, moving, target)

@@ -43,8 +43,8 @@ def _followed(system: System, z: Array, route: Route, settings: Settings) -> tup
     single = checks.choice("settings.precision", settings.precision, newton.PRECISIONS) != "float64"
     if single and not system.is_small:
         raise ValueError(
-            f"settings.precision = {settings.precision!r} is for bodies of up to 1000 unknown displacements; of larger "
-            'ones, "float64" factorises in float32 and corrects in float64 already'
+            f"settings.precision = {settings.precision!r} is for bodies that are solved by dense factors: small ones, "
+            'and all inside jit and vmap; of others, "float64" factorises in float32 and corrects in float64 already'
         )
     traced = tracing.is_traced((z, route.end))
     if system.is_small and (single or traced or not (stepwise or progress.wanted())):

@@ -36,14 +36,24 @@ def _front(ax: Any, trade: Trade) -> None:
     front = trade.front
     x, y = [p.cpu_seconds for p in front], [trade.error(p) for p in front]
     ax.plot(x, y, "-", color="black", lw=1.4, drawstyle="steps-post", label="front")
-    for p in front:
-        place = {"xy": (p.cpu_seconds, trade.error(p)), "xytext": (4, 4), "textcoords": "offset points"}
-        ax.annotate(_name(p), fontsize=7, **place)
     ax.plot([trade.base.cpu_seconds], [trade.error(trade.base)], "k+", ms=12, label="base")
     name, _ = trade.body.outputs[0]
     ax.set(xscale="log", yscale="log", xlabel="warm solve [CPU s]", ylabel=f"relative error of the {name} [–]")
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(frameon=False, fontsize=8)
+    _label(ax, [(x, y, _name(p)) for x, y, p in zip(x, y, front, strict=True)])
+
+
+def _label(ax: Any, points: list[tuple[float, float, str]]) -> None:
+    """Labels left of the front, where there is nothing; the report has those that would lie on the one above."""
+    ax.set_xlim(left=0.3 * points[0][0])
+    last = float("inf")
+    for x, y, label in points:
+        height = ax.transData.transform((x, y))[1] / ax.figure.dpi * 72.0  # points, of which the letters have 7
+        if last - height > 8.0:
+            place = {"xytext": (-4, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+            ax.annotate(label, (x, y), fontsize=7, **place)
+            last = height
 
 
 def _name(point: Point) -> str:
