@@ -115,9 +115,10 @@ def draw(rows, path):
     left.loglog(TARGETS, TARGETS, "k-", linewidth=0.8, label="target")
     left.set(xlabel="target: relative error [–]", ylabel="relative error [–]")
     right.set(xlabel="target: relative error [–]", ylabel="CPU time of a warm run [s]")
+    left.set_ylim(top=1e3)  # room for the legend
     for axes in (left, right):
         axes.invert_xaxis()
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, ncols=2)
     figure.savefig(path, dpi=110)
 
 
