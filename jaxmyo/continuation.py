@@ -138,20 +138,21 @@ class Route:
     start: of the leaves of the inputs that may differ at its ends, where it starts; moving: their positions, the others
     have no part in what goes along the path; end: all inputs where it ends; valid: false where an input is out of its
     range: nothing is solved then; from_rest: soft tissue moves like a root of the load near rest, so the load then
-    grows like t³.
+    grows like t³; from_A: the path starts at a state A, which followed its own branch from rest.
     """
 
     start: list[Array]
     end: Inputs
     valid: Array
     from_rest: Array
+    from_A: Array
     moving: tuple[int, ...] = field(metadata={"static": True})
 
     @classmethod
-    def between(cls, start: Inputs, end: Inputs, valid: Any, *, from_rest: Any) -> "Route":
+    def between(cls, start: Inputs, end: Inputs, valid: Any, *, from_rest: Any, from_A: Any) -> "Route":
         """Leaves that are one and the same object do not move."""
         moving = leaves.true(jax.tree.map(lambda a, b: a is not b, start, end))
-        return cls(leaves.pick(start, moving), end, valid, from_rest, moving)
+        return cls(leaves.pick(start, moving), end, valid, from_rest, from_A, moving)
 
     def ends(self) -> list[tuple[Array, Array]]:
         """Of each leaf that moves."""
@@ -260,8 +261,9 @@ class Walk:
         t = xp.where(at_start, xp.where(moves, 0.0, 1.0), path.t + path.dt)
         t = xp.where(t + 0.2 * path.dt >= 1.0, 1.0, t)  # rather a longer last step than one more
         taken = xp.where(at_start, 0.0, t - path.t)
-        # Near rest there may be no stiffness, and the first step has no meaning; a body that has moved knows its way.
-        moved = ~at_start & (self.lin.strain_of(path.z)[0] > MOVED)
+        # Near rest there may be no stiffness, and the first step has no meaning; a state A that moved knows its way.
+        # A start that the user gives may be unstable, and its branch end where a stable one begins.
+        moved = self.route.from_A & ~at_start & (self.lin.strain_of(path.z)[0] > MOVED)
         target = Target(
             tolerance=xp.where(t >= 1.0, settings.tolerance, settings.path_tolerance),
             stiffening=xp.where(at_start & moves, 1e-4, negligible(xp, path.z)),

@@ -150,7 +150,12 @@ def _steps(
 
     def step(at: _At, now: _Step) -> tuple[_At, tuple[Solution, Solution]]:
         end = inputs._replace(beta=now.beta)
-        A = follow(system_A, at.z_A, Route.between(at.inputs_A, end, valid, from_rest=~at.begun), settings)
+        A = follow(
+            system_A,
+            at.z_A,
+            Route.between(at.inputs_A, end, valid, from_rest=~at.begun, from_A=jnp.array(False)),
+            settings,
+        )
         found = A.status == Status.CONVERGED
         u = system_A.displacements(A.z, A.inputs)
         T_f, T_cf = inputs.T_f, inputs.T_cf
@@ -168,7 +173,7 @@ def _steps(
         z, begin = jax.tree.map(
             lambda before, new: jnp.where(at.begun, before, new), (at.z_C, at.inputs_C), (z_first, first)
         )
-        route = Route.between(begin, end, valid & found, from_rest=jnp.array(False))
+        route = Route.between(begin, end, valid & found, from_rest=jnp.array(False), from_A=jnp.array(False))
         C = follow(system_C, z, route, settings)
         zero = jnp.maximum(C.zero, A.zero) if system_A.weave else C.zero
         C = C._replace(status=jnp.where(found, C.status, A.status), zero=zero)  # as in `load`

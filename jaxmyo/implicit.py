@@ -60,7 +60,7 @@ def _followed(system: System, z: Array, route: Route, settings: Settings) -> tup
     if system.is_small:
         return continuation.follow(Dense.of(system), z, route, settings)
     at: Any = np.array(z)
-    flags: Any = {"valid": np.asarray(route.valid), "from_rest": np.asarray(route.from_rest)}
+    flags: Any = {name: np.asarray(getattr(route, name)) for name in ("valid", "from_rest", "from_A")}
     solution, _ = continuation.follow(Sparse.of(system), at, replace(route, **flags), settings)
     return jax.device_put(solution), None
 

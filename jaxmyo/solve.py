@@ -75,7 +75,8 @@ def contract(
         multipliers = [start.p] if start.q is None else [start.p, start.q]
         z, begin = jnp.concatenate([unknowns(system, u, end.offset), *multipliers]), start.inputs
         valid = valid & start.converged
-    route = Route.between(begin, end, valid, from_rest=tracing.array(np.bool_(start is None)))
+    no, from_rest = tracing.array(np.bool_(False)), tracing.array(np.bool_(start is None))
+    route = Route.between(begin, end, valid, from_rest=from_rest, from_A=no)
     found = _solve(scene, system, z, route, (), settings, throw)
     if start is None:
         return found
@@ -97,7 +98,8 @@ def load(
     """
     system, z, begin, end, valid, loads = problem(state, conditions, start)
     origin = state if start is None else start
-    route = Route.between(begin, end, valid, from_rest=tracing.array(np.bool_(False)))
+    no, from_A = tracing.array(np.bool_(False)), tracing.array(np.bool_(start is None))
+    route = Route.between(begin, end, valid, from_rest=no, from_A=from_A)
     found = _solve(state.scene, system, z, route, loads, settings, throw)
     status = _unless_failed(found.status, origin, state)
     # Tensions that a singular state left have no derivative, however stiff the body has become under its load.
