@@ -172,7 +172,7 @@ class _Pardiso:
 @cache
 def _pardiso() -> Any:
     """The function of MKL; ImportError where it is not installed."""
-    function = mkl.library()["pardiso"]  # one of our own: each access makes another
+    function = mkl.library()["pardiso"]  # each access makes another, with its own result type
     function.restype = None
     return function
 

@@ -110,18 +110,12 @@ class _Level:
 
 def symmetric(pattern: Pattern, data: Floats) -> Callable[[Floats], Any]:
     """The product of the symmetric matrix with these entries, in single precision, and vectors (n_u,)."""
-    upper, diagonal = pattern.matrix(data.astype(np.float32)), data[pattern.diagonal].astype(np.float32)
+    single = data.astype(np.float32)
     try:
-        matrix = mkl.Matrix(upper, symmetric=True)
+        product = mkl.Matrix(pattern.matrix(single), symmetric=True).__matmul__
     except ImportError:
-        lower = upper.T
-
-        def product(u: Floats) -> Any:
-            x = u.astype(np.float32)
-            return upper @ x + lower @ x - diagonal * x
-
-        return product
-    return lambda u: matrix @ u.astype(np.float32)
+        product = pattern.product(single)
+    return lambda u: product(u.astype(np.float32))
 
 
 def _multiplying(matrix: Any) -> Any:

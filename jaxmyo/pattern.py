@@ -1,5 +1,6 @@
 """The sparsity pattern of a large body, found once, and where the entries of each element stand in it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,9 +44,15 @@ class Pattern:
         """Positions of the diagonal."""
         return self.indptr[:-1]
 
-    def matrix(self, data: Floats) -> sp.csr_matrix:
+    def matrix(self, data: NDArray[Any]) -> sp.csr_matrix:
         """The upper triangle with these entries."""
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.n_u, self.n_u))
+
+    def product(self, data: NDArray[Any]) -> Callable[[NDArray[Any]], NDArray[Any]]:
+        """The product of the symmetric matrix with these entries and vectors (n_u,)."""
+        upper, diagonal = self.matrix(data), data[self.diagonal]
+        lower = upper.T
+        return lambda u: upper @ u + lower @ u - diagonal * u
 
     def full(self, data: Floats) -> sp.csr_matrix:
         """Both triangles."""

@@ -5,7 +5,7 @@ One factorisation serves as the preconditioner of several Newton steps, as long 
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -275,9 +275,7 @@ class Sparse:
         if self.has_factors_of(K):
             return False
         x = self._soft_motion()
-        data = self._symmetric(K, 0.0)
-        upper = self.pattern.matrix(data)
-        back = self.factors.solve(upper @ x + upper.T @ x - data[self.pattern.diagonal] * x)
+        back = self.factors.solve(self.pattern.product(self._symmetric(K, 0.0))(x))
         return not factor.norm((back - x) / self._strains) < SOFTER * factor.norm(x / self._strains)
 
     @property
@@ -413,8 +411,8 @@ class Sparse:
         """Of the elements' part of K + μ·metric and (u, m): exact, and cheap where the exact one is matrix-free."""
         data, n_u = K.data + mu * self._metric if mu else K.data, self.system.n_u
         if not isinstance(self.factors, Multigrid):
-            return saddle.augmented(K, self._matrix(data)), None
-        at, metric = self._displacements(K.z, K.inputs), self._matrix(self._metric)
+            return saddle.augmented(K, self.pattern.product(data)), None
+        at = self._displacements(K.z, K.inputs)
         if self._single is None or self._single[:2] != (K, mu):
             self._single = None  # first, for its memory
             self._single = (K, mu, multigrid.symmetric(self.pattern, data))
@@ -422,16 +420,10 @@ class Sparse:
         def product(x: Floats) -> Floats:
             y = self.assembly.product(at, K.z, K.inputs, x)
             if mu:
-                y[:n_u] += mu * metric(x[:n_u])
+                y[:n_u] += mu * self.pattern.product(self._metric)(x[:n_u])
             return y
 
         return product, saddle.augmented(K, self._single[2])
-
-    def _matrix(self, data: Floats) -> Callable[[Floats], Floats]:
-        """The product of the symmetric matrix with these entries and u."""
-        upper, diagonal = self.pattern.matrix(data), data[self.pattern.diagonal]
-        lower = upper.T
-        return lambda u: upper @ u + lower @ u - diagonal * u
 
 
 _known: list[Sparse] = []

@@ -61,8 +61,8 @@ class State:
     starting, and where multigrid does not know them; stable_until: the fraction of the load before the
     determinant of the tangent first changed its sign on the path, to 0.01, 1 if it did not: there an odd number of
     modes gained or lost stability;
-    solver: of the linear systems, "dense LU", "Pardiso" or "SuperLU"; work: of a sparse solve, the counts and the
-    seconds of its parts.
+    solver: of the linear systems, "dense LU", "Pardiso", "SuperLU" or "multigrid"; work: of a sparse solve, the counts
+    and the seconds of its parts.
     """
 
     scene: Scene = field(metadata={"static": True})

@@ -22,7 +22,7 @@ def test_the_product_without_a_matrix_is_that_of_the_tangent(states: Callable[[]
     z = 1e-3 * rng.normal(size=C.system.size)
     K = of.tangent(z, C.inputs)
     x = rng.normal(size=C.system.n_u + of.n_m)
-    by_matrix = saddle.augmented(K, of._matrix(K.data))(x)
+    by_matrix = saddle.augmented(K, of.pattern.product(K.data))(x)
     found = of.assembly.product(of._displacements(z, C.inputs), z, C.inputs, x)
     np.testing.assert_allclose(found, by_matrix, atol=1e-13 * np.max(np.abs(by_matrix)))
 
@@ -83,5 +83,5 @@ def test_without_mkl_a_cycle_is_the_same(monkeypatch: pytest.MonkeyPatch) -> Non
     assert isinstance(without._levels[0].matrix, sp.bsr_matrix)
     b = np.random.default_rng(0).normal(size=of.system.n_u)
     symmetric = multigrid.symmetric(of.pattern, of._metric)(b)
-    np.testing.assert_allclose(symmetric, of._matrix(of._metric)(b), atol=1e-5 * np.abs(symmetric).max())
+    np.testing.assert_allclose(symmetric, of.pattern.product(of._metric)(b), atol=1e-5 * np.abs(symmetric).max())
     np.testing.assert_allclose(without.solve(b), with_mkl.solve(b), rtol=1e-3, atol=1e-4 * np.abs(b).max())
